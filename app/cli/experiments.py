@@ -17,8 +17,9 @@ import typer
 from app.cli.analysis import score_sentences
 from app.cli.shared import by_step
 from app.files import free_gb, read_json, write_json
+from ground.progress import duration
 from recon.cli.commands.experiments import DEMO_SIZE, Demo, ExperimentPaper
-from recon.cli.console import ProgressLine, duration, print_result
+from recon.cli.console import ProgressLine, print_result
 from recon.cli.flags import with_settings
 from recon.cli.kernels import DEPTH, RENDER, STUDIO, tell_of_compiling
 from recon.cli.options import parse_approaches, parse_names, parse_size

@@ -8,14 +8,14 @@ from sqlalchemy import Connection
 
 from app.store.studies.film_failures import alarm_of, failure_records, ids_with_failures
 from app.store.studies.studies import all_studies
-from app.store.trials.designs import film_names
+from app.store.trials.designs import OF_PRACTICE, film_names
 
 
 def failing_films(connection: Connection, study_id: int) -> list[dict[str, Any]]:
     """Return every film that could not be shown, with what it shows, the latest first."""
     names = film_names(connection, study_id)
     return [
-        {**row, "film": names.get(row["media"], "practice"), "why": row["reason"], "noted_at": row["settled_at"]}
+        {**row, "film": names.get(row["media"], OF_PRACTICE), "why": row["reason"], "noted_at": row["settled_at"]}
         for row in failure_records(connection, study_id)
     ]
 
@@ -29,6 +29,6 @@ def failing_films_of_all(connection: Connection) -> list[tuple[tuple[str, str, s
         if each.id in ids and (alarm := alarm_of(connection, each.id)):
             names = film_names(connection, each.id)
             for film in alarm.films:
-                name = names.get(film["media"], "practice")
+                name = names.get(film["media"], OF_PRACTICE)
                 counts += [((each.slug, name, browser), n) for browser, n in film["browsers"]]
     return counts

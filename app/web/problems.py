@@ -20,8 +20,9 @@ from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
+from app.store.access.experimenters import has_anybody
 from app.web.form_token import page_with_form
-from app.web.gates import fields_of, note_refusal, now, render, route_of
+from app.web.gates import database, fields_of, note_refusal, now, render, route_of
 from app.web.roles import signed_in_person
 from ground.fields import Taken, taken
 from ground.file_models import Fault, fault_of
@@ -60,7 +61,7 @@ HEADINGS = {  # of pages, for people; programs get the phrases of HTTP
 }
 SENTENCES = {
     404: "There is nothing at this address.",
-    413: "The request is too large.",
+    413: "What was sent is too large for this page, and nothing of it was kept. Shorten it, or send it in parts.",
     507: "The server's disk is full. What came before is kept; an administrator has to make room, then repeat this.",
     503: "Here are too many at once. What came before is kept; please try again in a moment.",
     500: "Something went wrong here. Nothing that was acknowledged is lost; please try again.",
@@ -295,7 +296,7 @@ def _answer(
         "typed": refused.typed if refused else (),
     }
     if status == 401 and _is_dashboard(request):
-        context["asked"] = _asked_page(request)
+        context |= {"asked": _asked_page(request), "is_new": not has_anybody(database(request))}
         return page_with_form(request, "admin/sign_in.html", context, status, headers)
     context["experimenter"] = person
     if person is not None:

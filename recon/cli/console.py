@@ -13,6 +13,7 @@ from typing import Annotated, Any, Self
 
 import typer
 
+from ground.progress import duration
 from recon.runtime.files import write_json
 
 PLAIN_LINE_EVERY_S = 5.0
@@ -133,13 +134,6 @@ def counted(n: int, noun: str) -> str:
 def print_result(result: Mapping[str, Any], sentences: str, *, as_json: bool) -> None:
     """Print a command's result: as one JSON object, or as the sentences a person reads."""
     print(json.dumps(result, default=str, allow_nan=False) if as_json else sentences, flush=True)
-
-
-def duration(seconds: float) -> str:
-    """Say how long something takes, as people do: "80 s", "25 min", "2.0 h"."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def _bar(done: int, total: int, width: int = 20) -> str:

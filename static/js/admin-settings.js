@@ -43,6 +43,21 @@ search.addEventListener("keydown", (event) => {
   if (event.key === "Enter") event.preventDefault(); // which would send the form
 });
 
+const OF_PAIRS = ["PC", "CCR"]; // whose answers are not on a scale: any but the first would be refused
+const scale = document.querySelector("select[name=scale]");
+
+/** Leaves only the first scale to be chosen where the protocol makes no use of one. */
+function fitScale() {
+  const protocol = /** @type {HTMLInputElement | null} */ (document.querySelector("[name=protocol]:checked"));
+  if (!(scale instanceof HTMLSelectElement) || scale.disabled || !protocol) return;
+  const isOfPairs = OF_PAIRS.includes(protocol.value);
+  for (const option of scale.options) option.disabled = isOfPairs && option.index > 0;
+  if (isOfPairs) scale.selectedIndex = 0;
+}
+
+document.addEventListener("input", fitScale);
+fitScale();
+
 /** Opens the section that holds an element. @param {EventTarget | null} target */
 function reveal(target) {
   const section = target instanceof Element ? target.closest("details") : null; // itself, or what it lies in

@@ -96,7 +96,7 @@ def check_films(
         if fault := _fault(settings, film):
             faults[film.media] = fault
 
-    in_parallel([(f"decoding {film.file}", partial(check, film)) for film in films], progress)
+    in_parallel([(f"decoding {film.name}", partial(check, film)) for film in films], progress)
     whole = [film for film in films if film.media not in faults]
     played = FilmCheck(now.isoformat(timespec="seconds"), films_digest(films), len(films), faults=faults)
     step = 1 if most_played is None else max(1, -(-len(whole) // most_played))

@@ -94,10 +94,13 @@ def renew_link(
 
 def set_up_link(database: Database, now: datetime) -> str | None:
     """Make a new set-up link while there are no experimenters; returns its secret, or None."""
+    return None if has_anybody(database) else renew_link(database, UNNAMED, now, "owner")
+
+
+def has_anybody(database: Database) -> bool:
+    """Is there an experimenter, so that somebody can sign in?"""
     with database.reading() as connection:
-        if connection.scalar(select(_is_anybody_named())):
-            return None
-    return renew_link(database, UNNAMED, now, "owner")
+        return bool(connection.scalar(select(_is_anybody_named())))
 
 
 def is_set_up_link(connection: Connection, secret: str, now: datetime) -> bool:

@@ -46,6 +46,7 @@ from app.study.trial.trial import PlannedPair
 
 FILM_FACTS = ("file", "sha256", "width", "height", "guard_rows", "fps", "n_frames")
 STIMULUS_FACTS = ("sha256", "width", "height", "fps", "n_frames", "codec", "renderer")
+OF_PRACTICE = "practice"  # what its films show, in words
 STRIPS = ("top", "bottom", "reference")  # parts of a film, from the top
 SECOND_FILM = "second"  # ends the address of a film in another codec
 PAIRS = (pair, practice_pair)
@@ -350,6 +351,7 @@ class ShownFilm:
     Parameters
     ----------
     media : opaque name of the pair whose film it is
+    name : what it shows, in words
     width, height : of a strip, pixels
     guard_rows : between two strips
     n_strips : one above the other
@@ -358,6 +360,7 @@ class ShownFilm:
     """
 
     media: str
+    name: str
     file: str
     sha256: str
     width: int
@@ -380,6 +383,7 @@ def shown_films(connection: Connection, study_id: int, *, n_strips: int, n_of_pr
     """
     datasets = select(dataset.c.id).where(dataset.c.study_id == study_id)
     by_file: dict[str, ShownFilm] = {}
+    names = film_names(connection, study_id)
     for table, belongs, strips in (
         (pair, pair.c.dataset_id.in_(datasets), n_strips),
         (practice_pair, practice_pair.c.study_id == study_id, n_of_practice),
@@ -388,7 +392,7 @@ def shown_films(connection: Connection, study_id: int, *, n_strips: int, n_of_pr
         alone = select(single_film.c.file).where(single_film.c.of_media == table.c.media)
         both = select(*facts, table.c.file, table.c.sha256).where(belongs, table.c.file.not_in(alone))
         for row in connection.execute(both.order_by(table.c.id)).all():
-            whole = ShownFilm(**row._mapping, n_strips=strips)
+            whole = ShownFilm(**row._mapping, name=names.get(row.media, OF_PRACTICE), n_strips=strips)
             by_file.setdefault(whole.file, whole)
         for other, codec in ((second_film, ""), (lighter_film, LIGHTER), (single_film, SINGLE)):
             kept = other.c.codec if other is second_film else literal(codec).label("codec")
@@ -398,7 +402,8 @@ def shown_films(connection: Connection, study_id: int, *, n_strips: int, n_of_pr
             )
             for row in rows.all():
                 n = 1 if codec == SINGLE else strips
-                film = ShownFilm(**row._mapping, n_strips=n, is_single=codec == SINGLE)
+                name = f"{names.get(row.media, OF_PRACTICE)} ({row.codec})"
+                film = ShownFilm(**row._mapping, name=name, n_strips=n, is_single=codec == SINGLE)
                 by_file.setdefault(film.file, film)
     return list(by_file.values())
 

@@ -46,6 +46,13 @@ def test_a_person_reads_a_page_instead(client: httpx.Client) -> None:
     assert answer.headers["content-type"].startswith("text/html")
     assert "There is nothing at this address." in answer.text
     assert "<h1>Not found</h1>" in answer.text
+    assert 'href="/"' in answer.text
+
+
+def test_a_page_of_the_dashboard_that_is_refused_leads_on_to_the_studies(client: httpx.Client) -> None:
+    answer = client.get("/admin/nothing", headers={"Accept": "text/html"})
+    assert answer.status_code == 404
+    assert 'href="/admin"' in answer.text
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from app.store.access.experimenters import (
     experimenter_by_link,
     experimenter_named,
     finish_set_up,
+    has_anybody,
     is_set_up_link,
     password_of,
     sign_out,
@@ -131,10 +132,11 @@ def _link_refused(request: Request, database: Database, now: datetime) -> Unauth
 
 
 @router.get("/sign-in")
-def sign_in_page(request: Request, to: str = "/admin") -> Response:
+def sign_in_page(request: Request, store: Store, to: str = "/admin") -> Response:
     if signed_in_person(request) is not None:  # in another window, since this page was opened
         return see(_of_dashboard(to))
-    return page_with_form(request, "admin/sign_in.html", {"detail": "", "typed": (), "asked": to})
+    context = {"detail": "", "typed": (), "asked": to, "is_new": not has_anybody(store)}
+    return page_with_form(request, "admin/sign_in.html", context)
 
 
 @router.post("/sign-in", dependencies=[Depends(own_form)])

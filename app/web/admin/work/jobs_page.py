@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from pathlib import Path as FilePath
 from typing import Annotated, Any
 from urllib.parse import quote
@@ -37,6 +37,7 @@ from app.web.admin.listing import listing
 from app.web.admin.live import live_part, render_part
 from app.web.gates import FORM_TOKEN, Store, database, now, settings, takes_any_field
 from app.web.roles import Acting, Looking
+from ground.progress import duration
 
 LOG_LINES = 200
 DONE: tuple[JobState, ...] = ("done",)
@@ -66,8 +67,8 @@ def shown_job(job: QueuedJob, moment: datetime) -> ShownJob:
         job,
         title_of(job.kind),
         job.output.rpartition("/")[2],
-        "" if took is None else duration(took),
-        "" if job.left_s is None else duration(timedelta(seconds=job.left_s)),
+        "" if took is None else duration(took.total_seconds()),
+        "" if job.left_s is None else duration(job.left_s),
         result_address(job),
     )
 
@@ -84,14 +85,6 @@ def _output(job: QueuedJob, server: Settings) -> FilePath:
     """Return where what a job makes lies; a job that failed early has made nothing."""
     shelf, _, name = job.output.partition("/")
     return place(server, shelf) / name
-
-
-def duration(time: timedelta) -> str:
-    """Return a duration in words, as exactly as anybody wants to know."""
-    seconds = round(time.total_seconds())
-    if seconds < 90:
-        return f"{seconds} s"
-    return f"{round(seconds / 60)} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 @router.get("")
@@ -224,7 +217,7 @@ def _job_of(request: Request, public_id: str) -> dict[str, Any]:
     whole_s = whole_left_s(job, done, settings(request), moment)
     return {
         "shown": shown_job(job, moment),
-        "whole_left": "" if whole_s is None else duration(timedelta(seconds=whole_s)),
+        "whole_left": "" if whole_s is None else duration(whole_s),
         "has_output": _output(job, settings(request)).exists(),
         "job": job,
         "ahead": ahead,

@@ -109,6 +109,15 @@ def test_the_check_decodes_every_film_and_says_what_it_could_not_do(
 
 
 @pytest.mark.slow
+def test_the_check_names_films_by_scene_and_conditions(folder: Path, tmp_path: Path) -> None:
+    settings, told = Settings(data_dir=tmp_path / "study"), set[str]()
+    options = parse_options({"optional_stages": ["practice"], "lighter_films": True})
+    made = create_study(settings, folder, "Named", options=options)
+    check_study(settings, made["slug"], progress=lambda what, _done, _total: told.add(what))
+    assert {"decoding ball: id_fa and pm_fb", "decoding ball: id_fa and pm_fb (lighter)", "decoding practice"} <= told
+
+
+@pytest.mark.slow
 def test_damaged_films_are_made_again_exactly_as_they_were(folder: Path, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "server")
     slug = create_study(settings, folder, "Mended", options=parse_options({"repeated_pairs": 0}))["slug"]

@@ -45,10 +45,12 @@ def test_the_first_start_gives_a_link_that_works_once(fresh: Settings, fresh_ser
     assert path is not None
     form = {"name": "Olga Owner", "password": PASSWORD, "again": PASSWORD}
     with Dashboard(fresh_server) as stranger, Dashboard(fresh_server) as late:
+        assert all("Nobody can sign in yet" in stranger.get(page).text for page in ("/admin", "/admin/sign-in"))
         assert "Set up this server" in stranger.get(path).text
         assert stranger.enter(path, **{**form, "again": "something else"}).status_code == 422
         assert "Olga Owner" in stranger.enter(path, **form).text
         assert late.get(path).status_code == 401
+        assert "Nobody can sign in yet" not in late.get("/admin").text
         assert late.enter(path, **{**form, "name": "Late"}).status_code == 401
     assert manage.set_up_path(fresh) is None
 

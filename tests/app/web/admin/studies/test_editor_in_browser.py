@@ -51,6 +51,25 @@ def test_a_page_whose_text_is_not_saved_asks_before_it_is_left(
     page.close()
 
 
+def test_a_scale_that_pair_comparison_makes_no_use_of_refuses_no_form(
+    browser: Browser, own_server: str, own: Settings
+) -> None:
+    page = browser.new_page(base_url=own_server)
+    sign_in(page, own)
+    page.goto("/admin/studies/new?stimulus_set=tiny&preset=quick")
+    page.get_by_label("Name shown to participants").fill("Switched")
+    page.locator("[name=protocol][value=ACR]").check()
+    page.get_by_role("heading", name="Protocol and conditions").click()
+    scale = page.locator("[name=scale]")
+    scale.select_option("9")
+    page.locator("[name=protocol][value=PC]").check()
+    expect(scale).to_have_value("5")
+    expect(scale.locator("option[value='9']")).to_be_disabled()
+    page.get_by_role("button", name="Create").click()
+    page.wait_for_url("**/admin/studies/switched")
+    page.close()
+
+
 def test_a_study_is_made_edited_and_previewed_without_a_file(browser: Browser, own_server: str, own: Settings) -> None:
     complaints: list[str] = []
     page = browser.new_page(base_url=own_server, viewport={"width": 1366, "height": 768})
