@@ -14,15 +14,20 @@ from typing import Any
 
 import pytest
 import typer
+from fastapi.routing import APIRoute
 
 from app.cli import app
 from app.cli.schema import FILES
 from app.settings import Settings
 from app.web.analyst.columns import JOBS, KINDS, STUDIES
+from app.web.routers import ROUTERS
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 ELSEWHERE = {"RECONSTUDY_REAL_DATA"}  # of the tests
+OF_OTHERS = {  # of docker, of a reader's own program, and of MPEG's pc_error
+    *("--target", "--version", "--dropdups", "--neighborsProc", "--averageNormals", "--mseSpace"),
+}
 
 
 def leaves(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -98,11 +103,48 @@ def test_every_command_that_is_shown_exists_with_its_options(page: Path) -> None
                 wrong.append(line)
             continue
         command = COMMANDS[path]
-        parameters = command.get_params(typer.Context(command))  # some are made only now
-        known = {name for parameter in parameters for name in (*parameter.opts, *parameter.secondary_opts)}
+        known = {name for each in options_of(command) for name in each}
         options = [word.split("=")[0] for word in given if re.match(r"-{1,2}[a-z]", word)]
         wrong += [f"{line}: {option}" for option in options if option not in known | {"--help"}]
     assert wrong == []
+
+
+def code_in_sentences(page: Path) -> list[str]:
+    without_blocks = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return [" ".join(code.split()) for code in re.findall(r"`([^`]+)`", without_blocks)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_option_in_a_sentence_is_one_of_a_command_or_a_bench(page: Path) -> None:
+    known = {name for command in COMMANDS.values() for each in options_of(command) for name in each}
+    known |= set(re.findall(r'"(--[a-z-]+)"', "".join(path.read_text() for path in (ROOT / "bench").glob("*.py"))))
+    sentences = [code for code in code_in_sentences(page) if code.startswith("--")]
+    named = {name for code in sentences for name in re.findall(r"(?<!\S)--[a-z][\w-]*", code)}
+    assert sorted(named - known - OF_OTHERS) == []
+
+
+def options_of(command: Any) -> list[list[str]]:
+    parameters = command.get_params(typer.Context(command))  # some are made only now
+    return [[*each.opts, *each.secondary_opts] for each in parameters]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_file_of_the_repository_that_a_sentence_names_is_there(page: Path) -> None:
+    files = r"(?:^|\s)((?:app|recon|ground|tests|docs|bench|deploy|migrations|static|templates|languages)/[\w./@-]+)"
+    named = {file for code in code_in_sentences(page) for file in re.findall(files, code)}
+    assert [file for file in sorted(named) if not (ROOT / file).exists() and not (ROOT / f"{file}.py").exists()] == []
+
+
+def test_every_route_that_the_page_of_the_interface_shows_is_there() -> None:
+    without_names = re.compile(r"{[^}]*}")
+    routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
+    known = {(method, without_names.sub("{}", route.path)) for route in routes for method in route.methods}
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^(GET|POST|PUT|PATCH|DELETE) +(/[^\s,?]+)", page, re.MULTILINE)
+    tables = page.split("## Tables")[1].split(":", 1)[1].split("; `/api")[0]
+    shown += [("GET", f"/studies/{{slug}}/{name}") for name in re.findall(r"`([\w-]+)`", tables)]
+    assert len(shown) > 35
+    assert [each for each in shown if (each[0], without_names.sub("{}", f"/api/v1{each[1]}")) not in known] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
