@@ -8,7 +8,7 @@ import shlex
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -93,8 +93,24 @@ def test_a_script_that_starts_workers_guards_them(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_that_is_shown_exists_with_its_options(page: Path) -> None:
+    assert unknown(command_lines(page)) == []
+
+
+def test_the_front_page_of_the_demo_shows_commands_that_exist_and_the_time_that_the_documentation_says() -> None:
+    front = (ROOT / "templates" / "front.html").read_text(encoding="utf-8")
+    shown = re.findall(
+        r"reconstudy ([a-z].*?)(?:</|$)", front.replace("\\\n", " ").split("With your own")[1], re.MULTILINE
+    )
+    assert len(shown) == 11
+    assert unknown(shown) == []
+    time = re.search(r"experiment paper -o paper</code>, (about .*? cores)", front)
+    assert time
+    assert time[1] in (ROOT / "docs" / "experiment.md").read_text(encoding="utf-8")
+
+
+def unknown(lines: Iterable[str]) -> list[str]:
     wrong = []
-    for line in command_lines(page):
+    for line in lines:
         given = words(line)
         path = next((tuple(given[:n]) for n in (2, 1) if tuple(given[:n]) in COMMANDS), None)
         groups = {path[:1] for path in COMMANDS if len(path) > 1}
@@ -106,7 +122,7 @@ def test_every_command_that_is_shown_exists_with_its_options(page: Path) -> None
         known = {name for each in options_of(command) for name in each}
         options = [word.split("=")[0] for word in given if re.match(r"-{1,2}[a-z]", word)]
         wrong += [f"{line}: {option}" for option in options if option not in known | {"--help"}]
-    assert wrong == []
+    return wrong
 
 
 def code_in_sentences(page: Path) -> list[str]:
