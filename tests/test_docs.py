@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -19,6 +21,7 @@ from fastapi.routing import APIRoute
 from app.cli import app
 from app.cli.schema import FILES
 from app.settings import Settings
+from app.study.options.options import parse_options
 from app.web.analyst.columns import JOBS, KINDS, STUDIES
 from app.web.routers import ROUTERS
 
@@ -249,6 +252,41 @@ def test_the_page_of_cameras_has_the_table_of_formats_that_the_code_has() -> Non
     from docs.reference import imports
 
     assert imports() in (ROOT / "docs" / "cameras.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_part_of_a_study_file_that_is_shown_is_taken(page: Path) -> None:
+    for block in study_files(page):
+        options = tomllib.loads(block).get("options", {})
+        texts = [language.get("questions", {}) for language in options.get("texts", {}).values()]
+        named = {name: given for questions in texts for name, given in questions.items()}
+        asked = [
+            {"name": name, "kind": "choice", "text": "?", "options": [str(n) for n, _ in enumerate(given["labels"])]}
+            for name, given in named.items()
+        ]
+        parse_options(options | ({"questions": asked} if asked else {}))
+
+
+def test_the_pages_show_study_files() -> None:
+    assert len([block for page in PAGES for block in study_files(page)]) > 8
+
+
+def study_files(page: Path) -> list[str]:
+    text = page.read_text(encoding="utf-8")
+    fenced = re.findall(r"^```toml\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    indented = re.findall(r"(?:^    .*\n|^\n(?=    ))+", text, re.MULTILINE)
+    blocks = [*fenced, *(re.sub("^    ", "", block, flags=re.MULTILINE) for block in indented)]
+    return [block[block.index("[options") :] for block in blocks if re.search(r"^\[options", block, re.MULTILINE)]
+
+
+@pytest.mark.parametrize("page", ["models.md", "splats.md"])
+def test_every_scene_file_that_is_shown_is_taken(page: str) -> None:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    usual = {"schema_version": 1, "dataset": "dancer", "fps": 25, "units": "mm", "up": "y"}
+    blocks = re.findall(r"^```json\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert blocks
+    for block in blocks:
+        FILES["scene"]().model_validate_json(json.dumps(usual | json.loads(block)))
 
 
 def test_every_page_stands_in_the_navigation() -> None:
