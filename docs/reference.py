@@ -44,6 +44,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "tables.md": tables(),
         "jobs.md": jobs(),
     }
+    pages["index.md"] = f"---\nhide: [toc]\n---\n\n{pages['index.md']}"  # its lines of commands need the room
+    pages["CITATION.cff"] = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     for name, content in pages.items():
         files.append(File.generated(config, name, content=content))
     return files

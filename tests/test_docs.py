@@ -3,29 +3,37 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import typer
+from fastapi.routing import APIRoute
 
 from app.cli import app
 from app.cli.experiments import DEMO_TAKES
 from app.cli.schema import FILES
 from app.experiment.reconstruction.scale import SCALES
 from app.settings import Settings
+from app.study.options.options import parse_options
 from app.web.analyst.columns import JOBS, KINDS, STUDIES
-from recon.cli.console import duration
+from app.web.routers import ROUTERS
+from ground.progress import duration
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 ELSEWHERE = {"RECONSTUDY_REAL_DATA"}  # of the tests
+OF_OTHERS = {  # of docker, of a reader's own program, and of MPEG's pc_error
+    *("--target", "--version", "--dropdups", "--neighborsProc", "--averageNormals", "--mseSpace"),
+}
 
 
 def leaves(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -92,8 +100,24 @@ def test_a_script_that_starts_workers_guards_them(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_that_is_shown_exists_with_its_options(page: Path) -> None:
+    assert unknown(command_lines(page)) == []
+
+
+def test_the_front_page_of_the_demo_shows_commands_that_exist_and_the_time_that_the_documentation_says() -> None:
+    front = (ROOT / "templates" / "front.html").read_text(encoding="utf-8")
+    shown = re.findall(
+        r"reconstudy ([a-z].*?)(?:</|$)", front.replace("\\\n", " ").split("With your own")[1], re.MULTILINE
+    )
+    assert len(shown) == 11
+    assert unknown(shown) == []
+    time = re.search(r"experiment paper -o paper</code>, (about .*? cores)", front)
+    assert time
+    assert time[1] in (ROOT / "docs" / "experiment.md").read_text(encoding="utf-8")
+
+
+def unknown(lines: Iterable[str]) -> list[str]:
     wrong = []
-    for line in command_lines(page):
+    for line in lines:
         given = words(line)
         path = next((tuple(given[:n]) for n in (2, 1) if tuple(given[:n]) in COMMANDS), None)
         groups = {path[:1] for path in COMMANDS if len(path) > 1}
@@ -102,11 +126,48 @@ def test_every_command_that_is_shown_exists_with_its_options(page: Path) -> None
                 wrong.append(line)
             continue
         command = COMMANDS[path]
-        parameters = command.get_params(typer.Context(command))  # some are made only now
-        known = {name for parameter in parameters for name in (*parameter.opts, *parameter.secondary_opts)}
+        known = {name for each in options_of(command) for name in each}
         options = [word.split("=")[0] for word in given if re.match(r"-{1,2}[a-z]", word)]
         wrong += [f"{line}: {option}" for option in options if option not in known | {"--help"}]
-    assert wrong == []
+    return wrong
+
+
+def code_in_sentences(page: Path) -> list[str]:
+    without_blocks = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return [" ".join(code.split()) for code in re.findall(r"`([^`]+)`", without_blocks)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_option_in_a_sentence_is_one_of_a_command_or_a_bench(page: Path) -> None:
+    known = {name for command in COMMANDS.values() for each in options_of(command) for name in each}
+    known |= set(re.findall(r'"(--[a-z-]+)"', "".join(path.read_text() for path in (ROOT / "bench").glob("*.py"))))
+    sentences = [code for code in code_in_sentences(page) if code.startswith("--")]
+    named = {name for code in sentences for name in re.findall(r"(?<!\S)--[a-z][\w-]*", code)}
+    assert sorted(named - known - OF_OTHERS) == []
+
+
+def options_of(command: Any) -> list[list[str]]:
+    parameters = command.get_params(typer.Context(command))  # some are made only now
+    return [[*each.opts, *each.secondary_opts] for each in parameters]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_file_of_the_repository_that_a_sentence_names_is_there(page: Path) -> None:
+    files = r"(?:^|\s)((?:app|recon|ground|tests|docs|bench|deploy|migrations|static|templates|languages)/[\w./@-]+)"
+    named = {file for code in code_in_sentences(page) for file in re.findall(files, code)}
+    assert [file for file in sorted(named) if not (ROOT / file).exists() and not (ROOT / f"{file}.py").exists()] == []
+
+
+def test_every_route_that_the_page_of_the_interface_shows_is_there() -> None:
+    without_names = re.compile(r"{[^}]*}")
+    routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
+    known = {(method, without_names.sub("{}", route.path)) for route in routes for method in route.methods}
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^(GET|POST|PUT|PATCH|DELETE) +(/[^\s,?]+)", page, re.MULTILINE)
+    tables = page.split("## Tables")[1].split(":", 1)[1].split("; `/api")[0]
+    shown += [("GET", f"/studies/{{slug}}/{name}") for name in re.findall(r"`([\w-]+)`", tables)]
+    assert len(shown) > 35
+    assert [each for each in shown if (each[0], without_names.sub("{}", f"/api/v1{each[1]}")) not in known] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -207,6 +268,41 @@ def test_the_page_of_cameras_has_the_table_of_formats_that_the_code_has() -> Non
     from docs.reference import imports
 
     assert imports() in (ROOT / "docs" / "cameras.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_part_of_a_study_file_that_is_shown_is_taken(page: Path) -> None:
+    for block in study_files(page):
+        options = tomllib.loads(block).get("options", {})
+        texts = [language.get("questions", {}) for language in options.get("texts", {}).values()]
+        named = {name: given for questions in texts for name, given in questions.items()}
+        asked = [
+            {"name": name, "kind": "choice", "text": "?", "options": [str(n) for n, _ in enumerate(given["labels"])]}
+            for name, given in named.items()
+        ]
+        parse_options(options | ({"questions": asked} if asked else {}))
+
+
+def test_the_pages_show_study_files() -> None:
+    assert len([block for page in PAGES for block in study_files(page)]) > 8
+
+
+def study_files(page: Path) -> list[str]:
+    text = page.read_text(encoding="utf-8")
+    fenced = re.findall(r"^```toml\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    indented = re.findall(r"(?:^    .*\n|^\n(?=    ))+", text, re.MULTILINE)
+    blocks = [*fenced, *(re.sub("^    ", "", block, flags=re.MULTILINE) for block in indented)]
+    return [block[block.index("[options") :] for block in blocks if re.search(r"^\[options", block, re.MULTILINE)]
+
+
+@pytest.mark.parametrize("page", ["models.md", "splats.md"])
+def test_every_scene_file_that_is_shown_is_taken(page: str) -> None:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    usual = {"schema_version": 1, "dataset": "dancer", "fps": 25, "units": "mm", "up": "y"}
+    blocks = re.findall(r"^```json\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert blocks
+    for block in blocks:
+        FILES["scene"]().model_validate_json(json.dumps(usual | json.loads(block)))
 
 
 def test_every_page_stands_in_the_navigation() -> None:

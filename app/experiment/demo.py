@@ -15,7 +15,7 @@ from app.intake.stimuli import MANIFEST
 from app.operations.studies.create import create_study, read_options
 from app.operations.studies.manage import add_experimenter, attach_results, list_studies
 from app.settings import Settings
-from app.simulation.known_order import came_out, came_out_sentence, put_in_sentence
+from app.simulation.known_order import came_out, came_out_sentence, outcome, put_in_sentence
 from app.simulation.participants import simulate_study
 from app.study.options.presets import QUICK
 from app.study.stages import PRACTICE
@@ -87,7 +87,7 @@ def demo_front(settings: Settings, out: Path, folder: Path, n_frames: int) -> di
         "n_votes": study["n_votes"],
         "n_participants": study["n_finished"],
         "n_frames": n_frames,
-        "put_in": demo_put_in(out),
+        "known": _put_in_and_came_out(out),
         "folder": out.name,
         "experiment_minutes": round(60 * SCALES["small"].hours),
         "pictures": pictures,
@@ -106,12 +106,17 @@ def demo_scores(out: Path) -> Mapping[str, Any] | None:
 
 def demo_put_in(out: Path) -> list[str]:
     """Say what the simulated participants prefer, and what came out; nothing where it was not noted."""
+    if (known := _put_in_and_came_out(out)) is None:
+        return []
+    return [put_in_sentence(known["put_in"], known["order"]), came_out_sentence(known["put_in"], known["came_out"])]
+
+
+def _put_in_and_came_out(out: Path) -> dict[str, Any] | None:
     path, analysis = out / PUT_IN_FILE, demo_scores(out)
     if not path.is_file() or analysis is None:
-        return []
-    noted = read_json(path)
-    put_in = noted["put_in"]
-    return [put_in_sentence(put_in, noted["order"]), came_out_sentence(put_in, came_out(analysis))]
+        return None
+    noted, scores = read_json(path), came_out(analysis)
+    return noted | {"came_out": scores, "outcome": outcome(noted["put_in"], scores)}
 
 
 def _study(settings: Settings) -> dict[str, Any]:

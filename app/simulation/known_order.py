@@ -121,15 +121,16 @@ def put_in_sentence(put_in: Mapping[str, float], reason: str) -> str:
 
 def came_out_sentence(put_in: Mapping[str, float], scores: Mapping[str, float]) -> str:
     """Say what the votes came to, and whether it is what was put in."""
-    if not scores:
-        return "Came out: no scores yet."
+    return f"Came out: {_best_first(scores)}, {outcome(put_in, scores)}." if scores else "Came out: no scores yet."
+
+
+def outcome(put_in: Mapping[str, float], scores: Mapping[str, float]) -> str:
+    """Say of which order the scores are."""
     if len(set(put_in.values())) < 2:
-        end = "by chance: no order was put in"
-    elif came_back(put_in, scores):
-        end = "the order that was put in"
-    else:
-        end = "not the order that was put in: these votes are too few for it, or other people's are among them"
-    return f"Came out: {_best_first(scores)}, {end}."
+        return "by chance: no order was put in"
+    if came_back(put_in, scores):
+        return "the order that was put in"
+    return "not the order that was put in: these votes are too few for it, or other people's are among them"
 
 
 def _best_first(values: Mapping[str, float]) -> str:

@@ -82,6 +82,11 @@ def test_the_demo_holds_a_few_measures_against_votes_on_all_but_the_truth_beside
     assert re.findall(r"[a-z]{2}_f[ab]_photographs", put_in) == sorted(SHOWN, key=lambda approach: -VALUES[approach])
     assert "in the order of ssim_actor" in put_in
     assert set(re.findall(r"[a-z]{2}_f[ab]_photographs", came_out)) == set(SHOWN)
+    demo_front(settings, tmp_path, folder, n_frames=6)
+    with running_server(settings, front=folder) as url:
+        page = httpx.get(url, timeout=60).text
+    best_first = re.findall(r"<td>([a-z]{2}_f[ab]_photographs)</td><td>[+−]\d\.\d\d</td><td>[+−]\d", page)
+    assert best_first == sorted(SHOWN, key=lambda approach: -VALUES[approach])
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -62,6 +63,29 @@ def test_the_short_json_form_takes_shots_and_other_units(tmp_path: Path) -> None
     assert read_frame(one, "S1", 0)[0][0, 0, 0] == 20
     with pytest.raises(CaptureError, match="asked: \\['3'\\]"):
         import_json(tmp_path / "calibration.json", tmp_path / "third", OPTIONS, shots=["3"])
+
+
+def test_both_forms_that_the_page_shows_are_imported(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[4] / "docs" / "capture.md").read_text(encoding="utf-8")
+    short, full = re.findall(r"^```json\n(.*?)^```", page, re.DOTALL | re.MULTILINE)[:2]
+    for name in ("C1_S1", "C1_S2", "C2_S1", "C2_S2", "left_plate", "right_plate", "left/0000", "left/0001"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        picture(tmp_path / f"{name}.png")
+    video(tmp_path / "right.mp4", n_frames=2)
+    for name, content in (("short", short), ("full", full)):
+        (tmp_path / f"{name}.json").write_text(content, encoding="utf-8")
+        assert import_json(tmp_path / f"{name}.json", tmp_path / name, OPTIONS).n_frames == 2
+
+
+def picture(path: Path) -> None:
+    cv2.imwrite(str(path), np.full((720, 1280, 3), 90, np.uint8))
+
+
+def video(path: Path, n_frames: int) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25, (1280, 720))
+    for _ in range(n_frames):
+        writer.write(np.full((720, 1280, 3), 90, np.uint8))
+    writer.release()
 
 
 def test_a_folder_with_one_json_is_imported_by_it(tmp_path: Path) -> None:
