@@ -24,7 +24,7 @@ from app.analysis.reading.phrases import (
     unsigned,
 )
 from app.analysis.screening.observers import CARELESS, FEWEST_FOR_FENCES
-from app.analysis.screening.vote_evidence import FEWEST
+from app.analysis.screening.vote_evidence import FEWEST, MOST_ITEMS
 
 ADAPTIVE = (  # bench/sentences.py
     "Pairs were chosen from the votes so far, which makes intervals a little too narrow: in simulations of {} people "
@@ -38,8 +38,8 @@ UNSEEN = (
     f"{UNSEEN_VOTES} votes a person, 6 % of them at a range of 1.1 JOD, 92 % at 3 JOD"
 )
 UNJUDGED = (
-    "Nobody is judged by what their votes prefer: there are too few decided ones (fewer than "
-    f"{FEWEST} a person), or too many conditions."
+    f"Nobody is judged by what their votes prefer: that takes three people, {FEWEST} decided votes a person, and "
+    f"conditions that all have scores, {MOST_ITEMS} of them at most."
 )
 FEWER = 0.8  # of these votes, below which clearly fewer people are found
 TRIAD = 3  # conditions

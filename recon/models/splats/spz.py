@@ -20,6 +20,9 @@ HEADER, LONG_HEADER = struct.Struct("<4sIIBBBx"), struct.Struct("<4sIIBBBBI12x")
 TABLE_ENTRY = struct.Struct("<QQ")
 ANTIALIASED = 0x1  # flag
 COLOUR_SCALE = np.float32(0.15)
+LAST_BIT = 23  # of a coordinate, besides its sign
+NEAR_THE_END = 0.99  # of what the bits hold
+BEYOND = ", where its numbers end: what lay farther out is elsewhere; write it in a larger unit, such as metres"
 ON_AXIS = 511  # largest of nine bits
 
 
@@ -106,6 +109,8 @@ def _splats(parts: list[NDArray[np.uint8]], n: int, bits: int, version: int, ant
     places, opacities, colours, scales, rotations, rest = parts
     low, middle, high = places.reshape(-1, 3).astype(np.int32).T
     fixed = (low | middle << 8 | high << 16) << 8 >> 8  # with the sign of 24 bits
+    reach = float(np.abs(fixed).max()) / 2**bits
+    ends = reach > NEAR_THE_END * 2 ** (LAST_BIT - bits)
     constant = (colours.reshape(n, 1, 3) / np.float32(255) - np.float32(0.5)) / COLOUR_SCALE
     others = (rest.reshape(n, -1, 3).astype(np.float32) - 128) / 128
     return RawSplats(
@@ -115,6 +120,7 @@ def _splats(parts: list[NDArray[np.uint8]], n: int, bits: int, version: int, ant
         opacities / np.float32(255),
         np.concatenate([constant, others], axis=1).astype(np.float32),
         antialiased,
+        (f"reaches {reach:.0f} of its unit{BEYOND}",) if ends else (),
     )
 
 

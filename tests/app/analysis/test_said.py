@@ -369,6 +369,8 @@ def test_nobody_is_said_to_be_found_out_where_nobody_could_be_judged(of_one_pers
     few = said(analyse(two.where((two.item_a < 2) & (two.item_b < 2))), "participants")
     assert "Nobody is judged by what their votes prefer" in few
     assert "JOD" not in few
+    unlinked = said(analyse(two.where((two.item_a < 2) == (two.item_b < 2))), "participants")
+    assert "and conditions that all have scores, 60 of them at most" in unlinked
 
 
 def test_fewer_votes_than_those_of_the_simulation_are_named() -> None:

@@ -162,6 +162,14 @@ def test_a_count_that_no_machine_could_hold_is_refused_before_memory_is_asked_fo
         read_splats(written(tmp_path, ply({}, 2).replace(b"vertex 2", b"vertex 9999999")))
 
 
+def test_spz_whose_numbers_end_where_its_model_goes_on_is_told(tmp_path: Path) -> None:
+    body = bytearray(gzip.decompress((FILES / "few_v3.spz").read_bytes()))
+    assert read_with_warnings(FILES / "few_v3.spz")[1] == ()
+    body[16:19] = b"\xff\xff\x7f"  # the first coordinate
+    (clause,) = read_with_warnings(written(tmp_path, gzip.compress(bytes(body)), "a.spz"))[1]
+    assert clause.startswith("reaches 2048 of its unit, where its numbers end: what lay farther out is elsewhere")
+
+
 def test_spz_says_whether_the_method_was_trained_with_antialiasing(tmp_path: Path) -> None:
     body = bytearray(gzip.decompress((FILES / "few_v3.spz").read_bytes()))
     assert not read_splats(FILES / "few_v3.spz").antialiased
