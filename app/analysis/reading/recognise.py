@@ -29,7 +29,16 @@ from app.analysis.reading.kinds.votes import (
 )
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import MULTIPLE, SEVERAL, is_never, is_suspicious, plain
+from app.analysis.reading.words import (
+    COUNTS,
+    MULTIPLE,
+    SEVERAL,
+    SEVERAL_RUNS,
+    TRUE_FALSE,
+    is_never,
+    is_suspicious,
+    plain,
+)
 
 MONTH = "(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*"
 # Names that a spreadsheet made of others: an id such as 5.6E+23, and dates.
@@ -163,11 +172,10 @@ def _with_lists(seen: Seen, description: Description) -> Description:
                 f"counts as the same; {Told(columns={'dataset': name})} keeps it apart"
             )
         elif is_suspicious(name, words) and (column.filled or not len(seen.table)):
-            role = next((r for r in ("practice", "excluded", "dataset") if r not in description.columns), "excluded")
             holds = named([repr(word) for word in column.filled[:4]]) or "nothing"
             warnings.append(
                 f"the column {name!r} is not used, and looks as if it said that rows should not count or are apart "
-                f"(it holds {holds}); {Told(columns={role: name})} uses it"
+                f"(it holds {holds}){_way_to_use(name, column, description)}"
             )
     warnings += _repeats(seen, description, [name for name in rest if not any(repr(name) in text for text in warnings)])
     warnings += _odd_cells(seen, description)
@@ -176,6 +184,19 @@ def _with_lists(seen: Seen, description: Description) -> Description:
         rows = ", ".join(str(seen.table.row(row)) for row in description.without)
         warnings.append(f"row {rows} is not used: {', '.join(map(repr, names))} is nobody but a summary")
     return replace(description, not_used=rest, warnings=tuple(warnings))
+
+
+def _way_to_use(name: str, column: Column, description: Description) -> str:
+    """Return what to do with a column that may say which rows count, where doing it can be right."""
+    kinds = {TRUE_FALSE.get(word.strip().lower()) for word in column.filled}
+    if kinds != {True, False}:
+        if len(column.filled) < 2 or not SEVERAL_RUNS.search(name) or "dataset" in description.columns:
+            return "; leave out rows that should not count" if len(column.filled) > 1 else ""
+        return f"; {Told(columns={'dataset': name})} keeps them apart"
+    if COUNTS.search(name):
+        return "; if rows of which it is false should not count, leave them out"
+    role = next((role for role in ("practice", "excluded") if role not in description.columns), "")
+    return f"; {Told(columns={role: name})} leaves out those of which it is true" if role else ""
 
 
 REPEATABLE = ("rows", "won", "ranking", "ranked", "ranks", "best-worst")  # layouts whose rows may be one person's

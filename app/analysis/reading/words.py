@@ -134,6 +134,13 @@ SUSPICIOUS_NAME = re.compile(
     r"correct|accura|expected|target|delet|inclu|keep|kept|accept|approv|pass|usable|complete|status|invert|^(ok|used?|good)$",
     re.IGNORECASE,
 )
+# Columns whose true rows count, and columns that tell rows apart.
+COUNTS = re.compile(
+    r"(?<!in)(valid|correct|accura|complete)|(?<!un)usable|inclu|keep|kept|accept|approv|pass|is.?real|consent|"
+    r"^(ok|used?|good)$",
+    re.IGNORECASE,
+)
+SEVERAL_RUNS = re.compile(r"session|scene|phase|screen", re.IGNORECASE)
 SWAPPED = re.compile(r"swap|flip|mirror|revers", re.IGNORECASE)  # sides that stand the other way round in some rows
 # What may say on which side, or in which order, the items of a row were shown.
 PLACED = re.compile(r"order|pos(ition)?|side|locat|placement|left|right|first|second|top|bottom", re.IGNORECASE)

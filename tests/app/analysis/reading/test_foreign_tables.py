@@ -578,3 +578,27 @@ def test_ids_that_repeat_where_nobody_is_named_are_warned_about(tmp_path: Path) 
     best = 'id,options,best,worst\n7,"x;y;z",x,z\n7,"x;y;u",u,y\n8,"x;y;z",y,z\n'
     _, said = votes_in(write(tmp_path, best))
     assert any("may name the participants: --columns participant=id" in line for line in said)
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "way"),
+    [
+        ("gold", ("1", "0", "0"), "--columns practice=gold leaves out those of which it is true"),
+        ("invalid", ("no", "yes", "no"), "--columns practice=invalid leaves out those of which it is true"),
+        ("valid", ("yes", "no", "yes"), "if rows of which it is false should not count, leave them out"),
+        ("check_passed", ("1", "1", "0"), "if rows of which it is false should not count, leave them out"),
+        ("session", ("1", "2", "2"), "--columns dataset=session keeps them apart"),
+        ("session", ("1", "1", "1"), ""),
+        ("status", ("done", "rejected", "done"), "leave out rows that should not count"),
+    ],
+)
+def test_a_column_that_may_say_which_rows_count_is_never_advised_the_wrong_way_round(
+    tmp_path: Path, name: str, cells: tuple[str, ...], way: str
+) -> None:
+    rows = [f"P{n},id,pm,{choice},{cell}" for n, (choice, cell) in enumerate(zip("aba", cells, strict=True))]
+    path = write(tmp_path, "\n".join([f"participant,item_a,item_b,choice,{name}", *rows]))
+    (warning,) = [said for said in votes_in(path)[1] if repr(name) in said and "looks as if" in said]
+    assert warning.endswith(f"; {way}" if way else ")")
+    if way.startswith("--columns"):
+        role = way.removeprefix("--columns ").partition("=")[0]
+        assert len(votes_in(path, columns={role: name})[0]) == 3

@@ -43,7 +43,8 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     (shelf / "renamed.csv").write_text(
         VOTES.replace("judge,", "seat,").replace("item_a,item_b,choice", "item_a,item_b,q7")
     )
-    (shelf / "gold.csv").write_text(VOTES.replace("age", "Is Gold", 1))
+    of_gold = re.sub(r",(\d+)\n", lambda age: f",{int(age[1]) % 2}\n", VOTES.replace("age", "Is Gold", 1))
+    (shelf / "gold.csv").write_text(of_gold)
     (shelf / "wrong.csv").write_text(VOTES.replace(",a,", ",lft,", 1))
     (shelf / "ratings.csv").write_text("participant,condition,rating\nP1,x,4\nP1,y,7\nP2,x,3\nP2,y,5\n")
     with pd.ExcelWriter(shelf / "book.xlsx") as book:
@@ -135,7 +136,7 @@ def test_a_wrong_cell_is_named_and_a_word_for_it_is_taken(eva: Dashboard) -> Non
 
 def test_a_column_that_may_be_practice_is_warned_about_in_words_of_the_page(eva: Dashboard) -> None:
     page = reading(eva, "gold.csv")
-    assert "“practice” for Is Gold below uses it" in page
+    assert "“practice” for Is Gold below leaves out those of which it is true" in page
     assert "Attach the measures" not in eva.get("/admin/files/votes/gold.csv").text
 
 
