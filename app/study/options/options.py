@@ -389,7 +389,7 @@ class StudyOptions(Options):
         int,
         Setting(
             "Planned participants",
-            "results of fewer are called interim; 0: none were planned",
+            "results of fewer are called interim; 0: as many as may finish, until it is closed",
             section="analysis",
             change=ANY_TIME,
         ),

@@ -181,6 +181,7 @@ def inputs_of(
     options = parse_options(study.options)
     state = vote_state(connection, study_id)
     measured = measurement_records(connection, study_id)
+    more_expected = 0 if study.state == "closed" else options.limits.finished
     settings: dict[str, Any] = {
         "factors": items_factors(conditions_of(connection, study_id)),
         "measures": by_measure(measured),
@@ -189,7 +190,7 @@ def inputs_of(
         "random_effects": options.random_effects,
         "lapses": options.lapses,
         "adaptive_pairs": options.adaptive_pairs > 0,
-        "planned_participants": options.planned_participants or None,
+        "planned_participants": options.planned_participants or more_expected or None,
     }
     counted = asdict(state) | ({"excluded": {}} if with_excluded else {})
     known = json.dumps([study_id, counted, settings, options.protocol, options.scale], sort_keys=True, default=str)

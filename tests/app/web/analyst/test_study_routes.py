@@ -115,6 +115,27 @@ def test_what_an_edit_leaves_out_of_a_table_stays(
 
 
 @pytest.mark.slow
+def test_results_of_fewer_than_may_finish_are_interim_until_the_study_closes(
+    server: str, token: str, manager: httpx.Client, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    study = new_study()
+    slug = study["slug"]
+    simulate(server, slug, study["invitation"], token, 2, ABILITIES, 0.2, seed=4)
+
+    def is_interim() -> bool:
+        findings = manager.get(f"studies/{slug}/analysis").json()["findings"]
+        return any(finding["text"].startswith("Interim: 2 of 30 planned") for finding in findings)
+
+    assert not is_interim()
+    revision = manager.get(f"studies/{slug}").json()["revision"]
+    edited = manager.patch(f"studies/{slug}", json={"revision": revision, "options": {"limits": {"finished": 30}}})
+    assert edited.status_code == 200
+    assert is_interim()
+    assert manager.put(f"studies/{slug}/state", json={"state": "closed"}).status_code == 200
+    assert not is_interim()
+
+
+@pytest.mark.slow
 def test_a_study_with_votes_is_deleted_only_from_the_archive(
     server: str, settings: Settings, token: str, manager: httpx.Client, new_study: Callable[[], dict[str, Any]]
 ) -> None:
