@@ -50,7 +50,7 @@ class LocalPathsGroup(TyperGroup):
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
-            if isinstance(error.__cause__, ValidationError):
+            if error.param is not None and isinstance(error.__cause__, ValidationError):
                 error.message = _in_words(error.param, error.__cause__)
             raise
 

@@ -52,7 +52,7 @@ class ValidateSphere(Command):
     """Of `validate sphere`."""
 
     clouds: list[Path] = argument("Models, or text with x y z; one file per sensor and placed ball.")
-    radius: float = option(..., "Radius of the ball, mm.", label="Radius", low=0.001, high=1e6)
+    radius: float = option(..., "Radius of the ball, mm.", label="Radius", low=0.001, high=1e6, gt=0)
     out: Path = REPORT
     sensors: list[str] | None = SENSORS
     method: str = option("robust", "How to find the sphere: robust or super4pcs.")
@@ -106,9 +106,9 @@ class ValidateObject(Command):
     out: Path = REPORT
     thresholds: str = THRESHOLDS
     delta: float | None = option(
-        None, "How far from the model points may lie during the search, mm; default: 2 % of its diagonal."
+        None, "How far from the model points may lie during the search, mm; default: 2 % of its diagonal.", gt=0
     )
-    trim: float = option(0.8, "Share of the points, nearest first, that the refinement uses.")
+    trim: float = option(0.8, "Share of the points, nearest first, that the refinement uses.", gt=0, le=1)
     unit: str = UNIT
     model_unit: str = option("mm", "Unit of the model: mm, cm, m or in.", label="Unit of the object", choices=UNITS)
     dataset: str = DATASET
@@ -134,6 +134,7 @@ class ValidateViews(Command):
         label="Threshold",
         low=0.001,
         high=10_000,
+        gt=0,
     )
     filled: bool = FILLED
 
@@ -145,11 +146,15 @@ class ValidateMesh(Command):
     truth: Path = option(..., "True mesh or cloud, in the same coordinates.")
     out: Path = REPORT
     thresholds: str = option("1:20:1", "Thresholds of the F-score, mm: FROM:TO or FROM:TO:STEP.")
-    threshold: float | None = option(None, "The threshold whose F-score counts as a measure; default: the middle one.")
+    threshold: float | None = option(
+        None, "The threshold whose F-score counts as a measure; default: the middle one.", gt=0
+    )
     dataset: str = DATASET
     approach: list[str] | None = APPROACH
-    cell: float | None = option(None, "Compare means of points in cells of this size, mm, as Tanks and Temples does.")
-    voxel: float = option(10.0, "Size of the voxels over which ETH3D averages, mm.")
+    cell: float | None = option(
+        None, "Compare means of points in cells of this size, mm, as Tanks and Temples does.", gt=0
+    )
+    voxel: float = option(10.0, "Size of the voxels over which ETH3D averages, mm.", gt=0)
     scanner: str | None = option(
         None, "x,y,z in mm from where the truth was scanned; ETH3D then counts what was visible from there."
     )
@@ -177,13 +182,13 @@ class ValidateCloud(Command):
         None, "Only these: d1, d2, chamfer, f_score, colour, pointssim, or one of --methods; with commas."
     )
     peak: float | None = option(
-        None, "Peak of the PSNR of D1 and D2; default: the largest distance of neighbours in the reference."
+        None, "Peak of the PSNR of D1 and D2; default: the largest distance of neighbours in the reference.", gt=0
     )
     threshold: float | None = option(
-        None, "Threshold of the F-score; default: a hundredth of the reference's longest side."
+        None, "Threshold of the F-score; default: a hundredth of the reference's longest side.", gt=0
     )
     density: float | None = option(
-        None, "Samples of meshes per squared unit; default: what puts 100 000 on the reference."
+        None, "Samples of meshes per squared unit; default: what puts 100 000 on the reference.", gt=0
     )
     unit: str = option("mm", "Unit of all clouds, for the tables; nothing is converted.")
     seed: int = SEED

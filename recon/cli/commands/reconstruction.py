@@ -14,7 +14,7 @@ class Match(Command):
 
     left: Path = argument("Left image of a rectified pair, 8 bits.")
     right: Path = argument("Right image, of the same size.")
-    disparities: int = option(..., "How many disparities to search.")
+    disparities: int = option(..., "How many disparities to search.", ge=1)
     out: Path = option(..., "File to write: .pfm, .npy, .tiff, or .png for a coloured preview.", flags=OUT)
     method: str = option("id", f"Depth method: id, dr, pm, sgm, {PLUGIN_NAMES}, or one of --methods.")
     min_disparity: int = option(0, "Smallest disparity to search.")
@@ -83,6 +83,7 @@ class Reconstruct(Command):
         label="Voxel",
         low=0.01,
         high=10000,
+        gt=0,
     )
     pm: Literal["moving", "static"] = option(
         "moving",
@@ -163,7 +164,7 @@ class Fuse(Command):
         f"Poisson; {PLUGIN_NAMES}, or one of --methods.",
     )
     methods: Path | None = METHODS
-    voxel: float | None = option(None, "Voxel size, mm; default: chosen from the points' spacing.")
+    voxel: float | None = option(None, "Voxel size, mm; default: chosen from the points' spacing.", gt=0)
     close_holes: float = option(0.0, "Close holes whose rim is no longer than this, mm.", ge=0)
 
 
@@ -175,7 +176,9 @@ class Export(Command):
     )
     out: Path = argument("File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture.")
     truth: Path | None = option(None, "The true mesh; colours then show the error, red outside, blue inside.")
-    limit: float | None = option(None, "Error that gets the full colour, mm; default: 95 % of the vertices have less.")
+    limit: float | None = option(
+        None, "Error that gets the full colour, mm; default: 95 % of the vertices have less.", gt=0
+    )
     sequence: bool = option(
         False,
         "Write all frames of a folder as one glTF that shows them in turn, into the folder OUT.",
@@ -191,7 +194,7 @@ class Models(Command):
 
     runs: list[Path] = argument("Folders of runs, one per scene.")
     out: Path = option(..., "Folder for the models.", flags=OUT)
-    frame: int | None = option(None, "Number of the frame; default: the middle one.")
+    frame: int | None = option(None, "Number of the frame; default: the middle one.", ge=0)
 
 
 class Render(Command):

@@ -154,7 +154,7 @@ class CaptureSynth(Command):
     frames: int = option(25, "How many frames; together they show one period of the motion.", ge=1)
     size: str = option("1280x720", "WIDTHxHEIGHT of every camera, pixels.")
     noise: float = option(1.5, "Sensor noise, grey levels (standard deviation).", ge=0)
-    fps: float = option(25.0, "Frames a second.")
+    fps: float = option(25.0, "Frames a second.", gt=0)
     position: str = option("0,0,0", "Where the sphere or the cuboid is: x,y,z in mm from the centre.")
     exposure_spread: float = option(0.02, "How much the cameras' exposures differ, as a share.", ge=0)
     calibration_error: float = option(0.0, "Error of the calibration, pixels.", ge=0)

@@ -95,17 +95,25 @@ class Command(BaseModel):
         return kind(**alike | others)
 
 
-def option(default: Any, meaning: str, *, ge: float | None = None, le: float | None = None, **said: Any) -> Any:
+def option(
+    default: Any,
+    meaning: str,
+    *,
+    gt: float | None = None,
+    ge: float | None = None,
+    le: float | None = None,
+    **said: Any,
+) -> Any:
     """Return the field of a setting that a flag gives.
 
     Parameters
     ----------
     default : the value where it is not given; ... if it must be
     meaning : the help
-    ge, le : bounds
+    gt, ge, le : bounds
     said : as `Setting` takes it
     """
-    return Field(default, description=meaning, ge=ge, le=le, json_schema_extra=Setting(**said))
+    return Field(default, description=meaning, gt=gt, ge=ge, le=le, json_schema_extra=Setting(**said))
 
 
 def argument(meaning: str, **said: Any) -> Any:

@@ -73,6 +73,24 @@ def test_a_url_is_refused_where_paths_of_this_machine_are_expected(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("fuse x -o y --voxel -1", "voxel is -1.0, expected a positive number"),
+        ("reconstruct x -o y --voxel 0", "voxel is 0.0, expected a positive number"),
+        ("validate object a b -o c --trim 0", "trim is 0.0, expected a positive number up to 1"),
+        ("validate object a b -o c --trim 2", "'--trim': '2', expected a number of at most 1"),
+        ("capture synth x --fps 0", "fps is 0.0, expected a positive number"),
+    ],
+)
+def test_a_number_that_nothing_can_be_made_with_is_refused_by_its_flag(
+    command: Command, words: str, sentence: str
+) -> None:
+    outcome = command(*words.split())
+    assert outcome.code == 2
+    assert sentence in " ".join(outcome.err.split())
+
+
 def test_a_command_that_takes_urls_still_does(command: Command, tmp_path: Path) -> None:
     outcome = command("reconstruct", "memory://nothing", "-o", tmp_path / "run")
     assert outcome.code == 1
