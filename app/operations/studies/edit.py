@@ -26,12 +26,20 @@ from app.store.studies.audit import Actor
 from app.store.studies.images import image_digests, keep_image, remove_image
 from app.store.studies.studies import Study, edit_study, lock_study, progress_of
 from app.store.trials.deletion import delete_previews
-from app.store.trials.designs import ShownFilm, conditions_of, datasets_of, practice_pairs, replace_design
+from app.store.trials.designs import (
+    ShownFilm,
+    conditions_of,
+    datasets_of,
+    practice_pairs,
+    replace_design,
+    stimulus_records,
+)
 from app.study.design.adaptive import check_adaptive
 from app.study.design.groups import check_groups
-from app.study.languages.language_pack import LanguagePack
+from app.study.languages.language_pack import LanguagePack, reviewed_languages
 from app.study.languages.text import is_one_line
 from app.study.option_fields import WITH_FILMS, SettingError
+from app.study.options.neutral_words import neutral_words
 from app.study.options.option_table import CHANGES, SETTINGS_BY_NAME, why_fixed
 from app.study.options.options import check_minimum_viewing, parse_options, without_effect
 from app.study.options.own_texts import LONGEST_NAME
@@ -88,7 +96,7 @@ def check_edit(
     now = study_file_of(study)
     with database.reading() as connection:
         try:
-            wanted = _complete(now, wanted)
+            wanted = _worded(connection, study, now, _complete(now, wanted))
             changes = _changes(now, wanted)
             check_languages(wanted.options, packs)
             if forgets_at(wanted.options, study.closed_at) != forgets_at(now.options, study.closed_at):
@@ -110,6 +118,15 @@ def check_edit(
         if reason := why_fixed(change, has_begun=has_begun, has_stimuli=known is not None or not needs_films):
             raise ConflictError(f"Nothing was changed: {_called(name)} cannot change, because {reason}.")
     return Edit(study, wanted, changes, known.folder if known else None)
+
+
+def _worded(connection: Transaction, study: Study, now: StudyFile, wanted: StudyFile) -> StudyFile:
+    """Give languages that are added to a study of imported films the neutral words that it got when it was made."""
+    before = {*(now.options.languages or reviewed_languages()), *now.options.texts}
+    added = [tag for tag in wanted.options.languages if tag not in before]
+    if not added or any(row["renderer"] for row in stimulus_records(connection, study.id)):
+        return wanted
+    return wanted.but(options=neutral_words(wanted.options, added))
 
 
 def save_edit(database: Database, edit: Edit, revision: int, actor: Actor) -> None:

@@ -180,6 +180,14 @@ def model_texts() -> Mapping[str, Text]:
     return flat_texts({key: value for key, value in content.items() if key not in HEAD})
 
 
+@cache
+def reviewed_languages() -> tuple[str, ...]:
+    """Return the tags of the packs that come with the program and are reviewed, the English one first."""
+    packs = [read_language_pack(path) for path in sorted(packaged(SHIPPED).glob("*.json"))]
+    reviewed = [pack.tag for pack in packs if pack.status == "reviewed"]
+    return tuple(sorted(reviewed, key=lambda tag: tag != MODEL))
+
+
 def _is_plural(value: Mapping[str, Any]) -> bool:
     return BY in value or (bool(value) and set(value) <= set(PLURALS))
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from app.study.languages.language_pack import reviewed_languages
 from app.study.options.options import StudyOptions
 from app.study.options.own_texts import CONSENT, DEBRIEFING
 from app.study.protocols import ACR, SHOWN_ALONE
@@ -16,14 +17,18 @@ from app.study.questions.answers import is_text_of
 SENTENCES = "sentences"
 
 
-def neutral_words(options: StudyOptions) -> StudyOptions:
+def neutral_words(options: StudyOptions, languages: Sequence[str] | None = None) -> StudyOptions:
     """Return a study's options with neutral words, as own texts that can be edited; texts of its own stay.
 
     Only languages that the words were written in are changed, and of consents only the presets' sentences.
+
+    Parameters
+    ----------
+    languages : to be changed; None: those that the study is offered in, which are the reviewed ones where it names none
     """
     words = _words()
     texts = {language: dict(said) for language, said in options.texts.items()}
-    offered = options.languages or tuple(language for language in words if language != SENTENCES)
+    offered = languages or options.languages or tuple(dict.fromkeys((*reviewed_languages(), *texts)))
     asked = {question.name for question in options.questions if not question.text}
     for language in offered:
         if language not in words or language == SENTENCES:
