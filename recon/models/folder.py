@@ -14,6 +14,7 @@ from recon.runtime.files import check_safe_name
 
 NUMBERED = re.compile(r"(.*?)(\d+)")  # of a frame: any letters, then its number
 BESIDE = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".bin", ".txt", ".md", ".json"}
+SOG = "meta.json"  # of splats, beside pictures of their properties
 FORMATS = ", ".join(MODEL_SUFFIXES)
 MOST_NAMED = 5  # of missing frames
 
@@ -55,7 +56,9 @@ def frames_in(folder: Path, problems: list[str]) -> tuple[Path, ...]:
     files = [path for path in sorted(folder.iterdir()) if not path.is_dir() and not path.name.startswith(".")]
     frames = [path for path in files if path.suffix.lower() in MODEL_SUFFIXES]
     if not frames:
-        if not files or any(path.suffix.lower() not in BESIDE for path in files):
+        if any(path.name == SOG for path in files) and any(path.suffix.lower() == ".webp" for path in files):
+            problems.append(f"{folder}: is a SOG that is not bundled; zip its files as {folder.name}.sog")
+        elif not files or any(path.suffix.lower() not in BESIDE for path in files):
             problems.append(f"{folder}: holds no model that can be read; expected numbered files with {FORMATS}")
         return ()
     by_number: dict[int, Path] = {}

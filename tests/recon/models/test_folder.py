@@ -80,6 +80,7 @@ def test_a_link_to_nowhere_is_a_frame_that_reading_refuses(tmp_path: Path) -> No
         (("a.ply", "a.obj"), "a.ply: "),
         (("b.fbx",), "b.fbx: is no model that can be read; expected .ply, .obj, .glb, .gltf"),
         (("a/0.fbx",), "a: holds no model that can be read; expected numbered files with .ply"),
+        (("a/meta.json", "a/means_l.webp", "b/0.ply"), "a: is a SOG that is not bundled; zip its files as a.sog"),
         ((), ": holds no model; expected APPROACH/FRAME"),
         (("all.ply",), "all.ply: 'all' is what results call everything together"),
         (("a.master.ply",), "a.master.ply: 'a.master' is no name for files"),
