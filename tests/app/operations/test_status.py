@@ -16,6 +16,7 @@ from sqlalchemy import text
 
 from app import main
 from app.main import running_server, serve
+from app.operations import running
 from app.operations.extras import MODULES
 from app.operations.running import DEFAULT_URL, alone, noted, running_url, url_for_links
 from app.operations.status import server_status
@@ -99,7 +100,10 @@ def test_commands_print_links_of_the_server_that_runs(
 
 
 @pytest.mark.slow
-def test_links_of_a_server_on_every_network_open_on_this_computer(tmp_path: Path) -> None:
+def test_links_of_a_server_on_every_network_open_on_this_computer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "TIMEOUT_S", 60.0)  # the server's first answer loads it, in this process
     settings = Settings(data_dir=tmp_path / "reconstudy")
     with running_server(settings) as url, noted(settings, url.replace("127.0.0.1", "0.0.0.0")):
         assert url_for_links(settings) == url
