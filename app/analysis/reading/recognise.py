@@ -188,11 +188,13 @@ def _with_lists(seen: Seen, description: Description) -> Description:
 
 def _way_to_use(name: str, column: Column, description: Description) -> str:
     """Return what to do with a column that may say which rows count, where doing it can be right."""
-    kinds = {TRUE_FALSE.get(word.strip().lower()) for word in column.filled}
-    if kinds != {True, False}:
-        if len(column.filled) < 2 or not SEVERAL_RUNS.search(name) or "dataset" in description.columns:
-            return "; leave out rows that should not count" if len(column.filled) > 1 else ""
+    if len(column.filled) < 2:
+        return ""
+    is_run = SEVERAL_RUNS.search(name)
+    if is_run and "dataset" not in description.columns:
         return f"; {Told(columns={'dataset': name})} keeps them apart"
+    if is_run or {TRUE_FALSE.get(word.strip().lower()) for word in column.filled} != {True, False}:
+        return "; leave out rows that should not count"
     if COUNTS.search(name):
         return "; if rows of which it is false should not count, leave them out"
     role = next((role for role in ("practice", "excluded") if role not in description.columns), "")

@@ -140,7 +140,7 @@ COUNTS = re.compile(
     r"^(ok|used?|good)$",
     re.IGNORECASE,
 )
-SEVERAL_RUNS = re.compile(r"session|scene|phase|screen", re.IGNORECASE)
+SEVERAL_RUNS = re.compile(r"session|scene|phase", re.IGNORECASE)
 SWAPPED = re.compile(r"swap|flip|mirror|revers", re.IGNORECASE)  # sides that stand the other way round in some rows
 # What may say on which side, or in which order, the items of a row were shown.
 PLACED = re.compile(r"order|pos(ition)?|side|locat|placement|left|right|first|second|top|bottom", re.IGNORECASE)

@@ -588,6 +588,7 @@ def test_ids_that_repeat_where_nobody_is_named_are_warned_about(tmp_path: Path) 
         ("valid", ("yes", "no", "yes"), "if rows of which it is false should not count, leave them out"),
         ("check_passed", ("1", "1", "0"), "if rows of which it is false should not count, leave them out"),
         ("session", ("1", "2", "2"), "--columns dataset=session keeps them apart"),
+        ("session", ("0", "1", "1"), "--columns dataset=session keeps them apart"),
         ("session", ("1", "1", "1"), ""),
         ("status", ("done", "rejected", "done"), "leave out rows that should not count"),
     ],
