@@ -15,6 +15,17 @@ from tests.browser.study_visitor import NewStudy, Study, Visitor
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
+def loses_the_cookies_before_the_second_vote(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.votes("1")
+    study.votes(1)
+    visitor.is_in("voting")
+    page.context.clear_cookies()
+    page.keyboard.press("3")
+    page.keyboard.press("Enter")
+    visitor.sees("known")
+
+
 def goes_on_by_the_kept_code(page: Page, visitor: Visitor) -> None:
     visitor.sees("known")
     expect(page.get_by_label("Your code")).not_to_have_value("")
@@ -26,14 +37,7 @@ def goes_on_by_the_kept_code(page: Page, visitor: Visitor) -> None:
 def test_who_loses_the_cookies_in_mid_session_goes_on_with_the_code_that_the_browser_kept(
     study: Study, page: Page, visitor: Visitor
 ) -> None:
-    visitor.begin(study)
-    visitor.votes("1")
-    study.votes(1)
-    visitor.is_in("voting")
-    page.context.clear_cookies()
-    page.keyboard.press("3")
-    page.keyboard.press("Enter")
-    visitor.sees("known")
+    loses_the_cookies_before_the_second_vote(study, page, visitor)
     expect(page.get_by_text("Your answers are safe, but this browser")).to_be_visible()
     page.get_by_label("Your code").press("Enter")
     visitor.sees("resume")
@@ -53,13 +57,7 @@ def test_a_code_whose_answer_is_lost_is_sent_again_and_leads_on(study: Study, pa
         page.context.clear_cookies()
         route.abort("connectionreset")
 
-    visitor.begin(study)
-    visitor.votes("1")
-    visitor.is_in("voting")
-    page.context.clear_cookies()
-    page.keyboard.press("3")
-    page.keyboard.press("Enter")
-    visitor.sees("known")
+    loses_the_cookies_before_the_second_vote(study, page, visitor)
     page.route("**/session/resume", lose_the_first_answer)
     page.get_by_label("Your code").press("Enter")
     visitor.sees("resume")
@@ -80,13 +78,7 @@ def test_who_comes_back_without_cookies_is_not_begun_anew_by_the_obvious_press(
 
 
 def test_a_wrong_code_is_refused_and_somebody_else_may_begin(study: Study, page: Page, visitor: Visitor) -> None:
-    visitor.begin(study)
-    visitor.votes("1")
-    visitor.is_in("voting")
-    page.context.clear_cookies()
-    page.keyboard.press("3")
-    page.keyboard.press("Enter")
-    visitor.sees("known")
+    loses_the_cookies_before_the_second_vote(study, page, visitor)
     page.get_by_label("Your code").fill("aaaa-bbbb-cccc")
     page.keyboard.press("Enter")
     expect(page.get_by_text("This code does not lead anywhere.")).to_be_visible()
