@@ -12,6 +12,7 @@ from functools import cache
 from itertools import count
 from pathlib import Path
 
+import httpx
 import pytest
 from hypothesis import settings
 from playwright.sync_api import Browser, expect, sync_playwright
@@ -59,6 +60,15 @@ def no_certificates(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("SSL_CERT_FILE", raising=False)
         patch.setenv("SSL_CERT_DIR", str(tmp_path_factory.mktemp("no_certificates")))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def patient_clients() -> Iterator[None]:
+    """Give a server as long for an answer as a page has in a browser: how fast it is here is the machine's business."""
+    with pytest.MonkeyPatch.context() as patch:
+        for part in ("connect", "read", "write"):
+            patch.setattr(httpx._config.DEFAULT_TIMEOUT_CONFIG, part, BROWSER_TIMEOUT_MS / 1000)
         yield
 
 

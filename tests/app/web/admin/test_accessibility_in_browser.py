@@ -87,6 +87,7 @@ def page_at(browser: Browser, server: str) -> Page:
 def is_accessible(page: Page, *, narrowest: int = TELEPHONE["width"]) -> None:
     """Look at a page with everything opened: by night on a telephone, by day on a laptop."""
     page.locator("h1").wait_for()
+    page.wait_for_load_state()  # words can be there before their styles
     page.set_viewport_size({**TELEPHONE, "width": narrowest})
     assert page.evaluate(WIDTH) <= narrowest, page.url
     page.evaluate(OPENED)

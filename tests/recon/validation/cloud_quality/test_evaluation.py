@@ -16,6 +16,7 @@ from recon.geometry.mesh_files import write_mesh
 from recon.pipeline.run import RUN_FILE, mesh_name
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball as ball_mesh
+from recon.validation.cloud_quality.evaluation import CloudSettings
 from recon.validation.cloud_quality.points import PointSet
 from recon.validation.cloud_quality.reading import Sampling, area_of, read_point_set
 from recon.validation.clouds import read_shape
@@ -278,11 +279,15 @@ def test_clouds_that_do_not_fit_together_are_refused(command: Command, tmp_path:
             "2 names of approaches for 1",
         ),
         ((one_file, "--reference", one_file, "--measures", "d3"), "unknown measure 'd3', expected some of d1, d2, "),
-        ((one_file, "--reference", one_file, "--peak", "-1"), "the peak is -1, expected a positive length"),
-        ((one_file, "--reference", one_file, "--density", "0"), "the density is 0, expected a positive number"),
     ]
     for arguments, message in cases:
         assert message in refusal(command, out, *arguments)
+
+
+@pytest.mark.parametrize(("name", "length"), [("peak", -1.0), ("threshold", 0.0), ("peak", math.inf)])
+def test_a_length_that_nothing_is_compared_with_is_refused(name: str, length: float) -> None:
+    with pytest.raises(ValueError, match=f"the {name} is .*, expected a positive length"):
+        CloudSettings(**{name: length})  # type: ignore[arg-type]
 
 
 def true_run(folder: Path) -> tuple[Path, Path]:
