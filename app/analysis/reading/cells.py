@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError
 
 LONGEST_VALUE = 80  # letters of a file that a message repeats
@@ -213,7 +214,7 @@ class Problems:
         rows = np.flatnonzero(is_bad)
         if len(rows):
             first = int(rows[0])
-            more = f" (and {len(rows) - 1} more rows like it)" if len(rows) > 1 else ""
+            more = f" (and {counted(len(rows) - 1, 'more row')} like it)" if len(rows) > 1 else ""
             self.lines.append(f"row {self.row(first)}: {why if isinstance(why, str) else why(first)}{more}")
 
     def check(self) -> None:

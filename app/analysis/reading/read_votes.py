@@ -135,7 +135,7 @@ def _sentence(source: Source, votes: VotesTable) -> str:
     tally = ", ".join(f"{word} {n}" for word, n in zip(CHOICES, chosen, strict=True))
     parts = [
         source.table.how,
-        f"{counted(len(votes), 'row')}, {counted(votes.n_votes, 'vote')}",
+        f"{counted(len(source.table), 'row')}, {counted(votes.n_votes, 'vote')}",
         *_left_out(votes),
         *source.table.notes,
         *source.description.notes,

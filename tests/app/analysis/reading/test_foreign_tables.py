@@ -140,7 +140,7 @@ def test_every_wrong_cell_is_named_by_its_row_in_the_file_and_no_right_one_is_bl
         votes_in(write(tmp_path, text))
     lines = str(refused.value).partition(": ")[2].splitlines()
     assert lines[0].startswith("row 6: the item 'x' is compared with itself")
-    assert lines[1] == "row 4: choice is 'lft', expected left or right (and 1 more rows like it)"
+    assert lines[1] == "row 4: choice is 'lft', expected left or right (and 1 more row like it)"
     assert lines[2].startswith("row 4: count is 'many', expected a whole number")
     wide = write(tmp_path, "participant,x vs y,y vs z\nA,left,right\nB,left,lft\n", "wide.csv")
     with pytest.raises(VotesError, match="row 2: the column 'y vs z' is 'lft', expected left or right"):

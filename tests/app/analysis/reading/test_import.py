@@ -112,7 +112,9 @@ def test_a_wide_table_may_have_columns_that_say_nothing_about_votes(tmp_path: Pa
     with pytest.raises(VotesError, match=r"a column for each of 2 pairs.*Timestamp, Name.*--columns participant="):
         read_votes(path)
     assert outcomes(path, columns={"participant": "Name"}) == [("p1", "x", "y", "x"), ("p1", "y", "z", ""), WANTED[2]]
-    assert "not used: Timestamp" in understand_votes([path], Told({"participant": "Name"}))[1][0]
+    sentence = understand_votes([path], Told({"participant": "Name"}))[1][0]
+    assert "2 rows, 3 votes" in sentence
+    assert "not used: Timestamp" in sentence
     assert outcomes(write(tmp_path, "user.csv", form.replace("Name", "User ID")))[2] == WANTED[2]
 
 
