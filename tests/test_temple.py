@@ -36,8 +36,9 @@ from recon.render.scene import scene_around
 pytestmark = pytest.mark.slow
 
 BACKGROUND = 128  # grey of the background "plain"
-# Of semi-global matching's points drawn 3x3 into photographs of the same ring: dB of the worst view, spill of the best.
-NAIVE_SPLAT_PSNR, NAIVE_SPLAT_SPILL = 14.7, 0.09
+# dB of the worst view and the largest spill, half a dB and a hundredth beside what is reached. Semi-global matching's
+# points drawn 3x3 into photographs of the same ring have 14.7 dB and, in their best view, 0.09.
+REACHED = {"id_fa": (17.2, 0.07), "id_fb": (19.4, 0.06)}
 
 
 @pytest.fixture(scope="module")
@@ -72,10 +73,11 @@ def test_photographs_that_were_not_used_are_predicted(capture: Capture, run: Pat
         compare(read_held_out(capture, shot), drawn(mesh, shot.camera, capture.bounds)) for shot in capture.held_out
     ]
     coverage, spill, psnr = np.array(views).T
-    assert coverage.mean() > 0.95
-    assert coverage.min() > 0.91  # 15 degrees past the last sensor
-    assert spill.max() < NAIVE_SPLAT_SPILL
-    assert psnr.min() > NAIVE_SPLAT_PSNR
+    lowest_psnr, largest_spill = REACHED[approach]
+    assert coverage.mean() > 0.965
+    assert coverage.min() > 0.955  # 15 degrees past the last sensor
+    assert spill.max() < largest_spill
+    assert psnr.min() > lowest_psnr
 
 
 def test_the_temple_goes_all_the_way_to_scores(run: Path, tmp_path: Path) -> None:

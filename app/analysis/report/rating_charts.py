@@ -26,7 +26,7 @@ from app.analysis.report.vote_charts import MOST_PARTICIPANTS_IN_A_CHART
 Row = Mapping[str, Any]
 
 MARGIN = 0.08  # of the range, beside the intervals
-ESTIMATES = ("mean", "subject model")
+ESTIMATES = ("mean", "subject model, these people")
 
 
 def rating_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tuple[str, str, Any]]:

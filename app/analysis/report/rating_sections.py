@@ -13,6 +13,7 @@ EXPLAINED = {
     "ok": "the quality weights each participant by consistency and takes off individual bias (ITU-T P.910 Annex E)",
     "common inconsistency": "the quality takes off individual bias (ITU-T P.913 clause 12.4)",
 }
+OF_THESE = "The quality's interval holds for ratings by these participants, that of the MOS for other people's too"
 
 
 def rating_sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
@@ -37,7 +38,7 @@ def _opinions(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     text = (
         f"{counted(model['n_ratings'], 'rating')} by {counted(model['n_participants'], 'participant')} on the scale "
         f"from {model['low']:g} to {model['high']:g}; {PROTOCOLS[model['protocol']]}. The MOS is the mean over "
-        "participants with its 95 % interval (t)" + (f"; {quality}." if quality else ".")
+        "participants with its 95 % interval (t)" + (f"; {quality}. {OF_THESE}." if quality else ".")
     )
     has_differences = any(row["dmos"] is not None for row in analysis["rating_items"])
     if has_differences:

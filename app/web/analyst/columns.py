@@ -250,7 +250,7 @@ RATINGS: Columns = {
     "dmos_high": Column("upper end", 4.71),
     "quality": Column("quality, the participants' bias and inconsistency taken off", 3.88),
     "quality_se": Column("its standard error", 0.14),
-    "quality_low": Column("lower end of its 95 % interval", 3.61),
+    "quality_low": Column("lower end of its 95 % interval for ratings by these participants", 3.61),
     "quality_high": Column("upper end", 4.15),
 }
 COMPARISONS: Columns = {

@@ -19,7 +19,7 @@ def test_every_item_is_drawn_with_both_estimates_and_intervals() -> None:
     drawn = [value for panel in panels for value in panel["data"]["values"]]
     expected = [(row["dataset"], row["ci_low"], row["ci_high"]) for row in tables["rating_items"]]
     assert [(v["dataset"], v["low"], v["high"]) for v in drawn if v["estimate"] == "mean"] == expected
-    assert sum(value["estimate"] == "subject model" for value in drawn) == 6
+    assert sum(value["estimate"] == "subject model, these people" for value in drawn) == 6
 
 
 def test_the_reference_is_marked_and_left_out_of_the_differences() -> None:
