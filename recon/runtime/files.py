@@ -9,7 +9,7 @@ import re
 import shutil
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ground.files import DiskFullError as DiskFullError
@@ -173,10 +173,13 @@ def new_folder(out: Path, *, replaces: bool = False) -> Iterator[Path]:
 def alone_in(folder: Path) -> Iterator[None]:
     """Make a folder, and be the only one of this function's callers that writes into it; it ends with the process.
 
+    A new folder in which nothing was made is removed again.
+
     Two that write into one folder would mix their files, each whole, into a result that neither of them describes.
 
     A ValueError says that another one is at it. Where a disk knows no locks, as some network disks, nobody is refused.
     """
+    is_new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     handle = os.open(folder, os.O_RDONLY)
     try:
@@ -191,6 +194,9 @@ def alone_in(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
+        if is_new:
+            with suppress(OSError):  # it holds what was made
+                folder.rmdir()
         os.close(handle)
 
 

@@ -19,6 +19,7 @@ from app.operations.database import open_store
 from app.operations.extras import has_extra
 from app.operations.jobs.chains import go_on
 from app.operations.jobs.command import Command, job_folder, was_done
+from app.operations.jobs.fields import place
 from app.operations.jobs.kinds import KINDS, in_page_words, job_kind
 from app.operations.jobs.queueing import must_wait
 from app.settings import Settings
@@ -194,6 +195,9 @@ class JobWorker:
         log.info("job %s is done", job.public_id)
 
     def _end(self, job: QueuedJob, state: JobState, detail: str) -> None:
+        shelf, _, name = job.output.partition("/")
+        with suppress(OSError, StudyError):  # it holds something, or was never made
+            (place(self._settings, shelf) / name).rmdir()
         end_job(self._database, self._me.name, job.public_id, state, detail, self._clock())
         log.info("job %s is %s%s", job.public_id, state, f": {detail}" if detail else "")
 

@@ -82,7 +82,9 @@ def language_pack_faults(path: Path) -> list[str]:
         return [str(error)]
     except RecursionError:
         return ["it holds too many lists within one another, expected an object with the texts"]
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        return [f"it cannot be read: {error.strerror}"]
+    except ValueError as error:
         return [f"it cannot be read as JSON in UTF-8: {error}"]
     try:
         check_text(content)

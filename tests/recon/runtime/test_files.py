@@ -50,7 +50,15 @@ def test_two_are_never_in_a_folder_at_once(tmp_path: Path) -> None:
     with alone_in(folder), pytest.raises(ValueError, match=r"run: another start is writing into it; wait until"):
         enter()
     enter()
-    assert not list(folder.iterdir())
+    assert not folder.exists()
+
+
+def test_a_folder_that_was_there_and_whatever_was_made_in_a_new_one_stay(tmp_path: Path) -> None:
+    with alone_in(tmp_path):
+        pass
+    with alone_in(tmp_path / "run"):
+        (tmp_path / "run/file").touch()
+    assert (tmp_path / "run/file").exists()
 
 
 def test_a_folder_is_free_when_the_process_in_it_was_killed(tmp_path: Path) -> None:

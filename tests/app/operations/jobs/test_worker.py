@@ -161,6 +161,22 @@ def test_a_running_job_tells_how_far_it_is_and_stops_when_cancelled(
     assert log_tail(job_folder(here, public_id), 1) == ["resumes"]
 
 
+@pytest.mark.parametrize("holds", [[], ["set.json"]])
+def test_a_cancelled_job_leaves_no_empty_folder_but_whatever_it_made(
+    here: Settings, database: Database, runs: Callable[[str], None], holds: list[str]
+) -> None:
+    out = here.sets_dir / "mine"
+    files = f"[(out / name).touch() for name in {holds}]"
+    runs(f"import pathlib; out = pathlib.Path({str(out)!r}); out.mkdir(parents=True); {files};{SAYS_AND_WAITS}")
+    public_id, runner = queued(here, database), JobWorker(here, database)
+    look_until(runner, database, public_id, lambda job: job.total > 0)
+    assert out.is_dir()
+    with database.writing() as connection:
+        cancel_job(connection, public_id, NOW)
+    look_until(runner, database, public_id, lambda job: job.state == "cancelled")
+    assert out.exists() == bool(holds)
+
+
 def test_a_job_is_estimated_as_a_whole_from_one_that_was_done(
     here: Settings, database: Database, runs: Callable[[str], None]
 ) -> None:
