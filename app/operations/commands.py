@@ -113,9 +113,8 @@ class Plan(Command):
         ge=0.001,
         le=10,
         label="True difference",
-        note="of two conditions",
+        note="",
     )
-    claim: Claim = option(REPORTED, "What is to be claimed.", choices=CLAIMS, label="Claim", note="")
     spread: float | None = option(
         None,
         "How far people's opinions of a condition differ: standard deviation, log-odds "
@@ -125,6 +124,7 @@ class Plan(Command):
         label="How far people differ",
         note="standard deviation of opinions",
     )
+    claim: Claim = option(REPORTED, "What is to be claimed.", choices=CLAIMS, label="Claim", note="")
     tie_rate: float = option(
         TYPICAL_TIE_RATE,
         "Chance of no preference between equals.",

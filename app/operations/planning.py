@@ -67,9 +67,9 @@ def _plan_on_server(asked: Plan) -> Mapping[str, Any]:
     n_pairs = asked.conditions * (asked.conditions - 1) // 2 * asked.datasets
     if n_pairs > MOST_PAIRS or asked.participants > MOST_PEOPLE:
         raise InvalidError(
-            f"A study of {asked.conditions} conditions in {asked.datasets} datasets has {n_pairs} pairs, and "
-            f"{asked.participants} participants are planned; this server simulates {MOST_PAIRS} at most, and "
-            f"{MOST_PEOPLE} participants. `reconstudy plan` on a computer of your own has no such limit."
+            f"A study of {asked.conditions} conditions in {asked.datasets} datasets has {n_pairs} pairs, here "
+            f"for {asked.participants} participants; this server simulates {MOST_PAIRS} at most, for {MOST_PEOPLE} "
+            f"participants. `reconstudy plan` on a computer of your own has no such limit."
         )
     result = simulated_plan(asked)
     unit = "" if asked.is_rated else "_jod"

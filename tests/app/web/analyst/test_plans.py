@@ -107,6 +107,19 @@ def test_the_command_rest_and_the_page_refuse_alike(
     assert expected[0] in plain(page.text)
 
 
+@pytest.mark.parametrize("wrong", [{"careless": 1}, {"participants": 501}])
+def test_the_design_page_shows_what_was_asked_once_more_where_it_is_refused(
+    experimenter: Dashboard, server: str, taken: dict[str, Any], wrong: dict[str, Any]
+) -> None:
+    address, asked = f"/admin/studies/{taken['slug']}/design", {"participants": 5, **wrong}
+    page = experimenter.get(address, params=asked, headers={"Referer": f"{server}{address}"})
+    assert page.status_code == 422
+    assert "How many participants?" in page.text
+    refused = re.search(r'id="refused"[^>]*', page.text)
+    assert refused
+    assert all(f'["{name}", "{value}"]' in html.unescape(refused[0]) for name, value in asked.items())
+
+
 def test_a_plan_that_keeps_the_server_busy_for_long_is_refused_by_rest_and_the_page(
     experimenter: Dashboard, server: str, token: str, taken: dict[str, Any]
 ) -> None:
