@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
+from app.study.planning import CLAIMS, REPORTED, TYPICAL_INCONSISTENCY, TYPICAL_SPREAD, TYPICAL_TIE_RATE, Claim
+from app.study.protocols import EXPOSURE_BOUNDS_S, PC, RATED, Protocol
 from recon.cli.commands import COMMANDS as COMMANDS_OF_RECON
 from recon.cli.commands.setting import OUT, Command, argument, option
 from recon.cli.commands.shared import PRACTICE
@@ -96,4 +98,89 @@ class Analyse(Command):
     dry_run: bool = option(False, "Only say how the files are understood; write nothing.", flags=("--dry-run",))
 
 
-COMMANDS: Mapping[str, type[Command]] = {**COMMANDS_OF_RECON, "stimuli import": StimuliImport, "analyse": Analyse}
+class Plan(Command):
+    """Of `plan`. What has a label, the dashboard's Design page asks of a study, and so does REST."""
+
+    conditions: int = option(..., "Conditions of each dataset; with a hidden reference if any.", ge=2, le=1000)
+    datasets: int = option(1, "Number of datasets.", ge=1, le=1000)
+    participants: int = option(22, "Number of participants.", ge=2, le=10_000, label="Participants", note="")
+    protocol: Protocol = option(
+        PC, "PC or CCR (every pair is compared), or ACR, ACR-HR, DCR (every film is rated).", flags=("--protocol",)
+    )
+    effect: float = option(
+        0.5,
+        "True difference of two conditions: JOD (log-odds / ln 3), or grades where rated.",
+        ge=0.001,
+        le=10,
+        label="True difference",
+        note="",
+    )
+    spread: float | None = option(
+        None,
+        "How far people's opinions of a condition differ: standard deviation, log-odds "
+        f"({TYPICAL_SPREAD} by default), or grades where rated (0).",
+        ge=0,
+        le=10,
+        label="How far people differ",
+        note="standard deviation of opinions",
+    )
+    claim: Claim = option(REPORTED, "What is to be claimed.", choices=CLAIMS, label="Claim", note="")
+    tie_rate: float = option(
+        TYPICAL_TIE_RATE,
+        "Chance of no preference between equals.",
+        ge=0,
+        le=0.99,
+        label="Chance of no preference",
+        note="between equals",
+    )
+    inconsistency: float = option(
+        TYPICAL_INCONSISTENCY,
+        "Standard deviation of somebody's ratings around the qualities, in grades.",
+        ge=0.01,
+        le=10,
+        label="Inconsistency",
+    )
+    by_dataset: float = option(
+        0.0,
+        "The same of opinions that somebody has on one dataset only.",
+        ge=0,
+        le=10,
+        label="How far people differ on one dataset only",
+        note="standard deviation",
+    )
+    dataset_spread: float = option(
+        0.0,
+        "How far datasets shift the scores: standard deviation, log-odds or grades.",
+        ge=0,
+        le=10,
+        label="How far datasets shift the scores",
+        note="standard deviation",
+    )
+    drop_out: float = option(
+        0.0, "Share of people who leave half-way.", ge=0, le=0.99, label="Who leave half-way", note="share of people"
+    )
+    careless: float = option(
+        0.0,
+        "Share of people who answer at random.",
+        ge=0,
+        le=0.99,
+        label="Who answer at random",
+        note="share of people",
+    )
+    exposure: float = option(
+        15.0,
+        "Seconds of a trial's film, for the minutes of a session.",
+        ge=EXPOSURE_BOUNDS_S[0],
+        le=EXPOSURE_BOUNDS_S[1],
+    )
+    replicates: int = option(400, "Simulated studies for each power.", ge=10, le=10_000)
+    seed: int = option(1, "Seed of the simulation.", ge=0)
+
+    @property
+    def is_rated(self) -> bool:
+        """Are films rated, rather than pairs compared?"""
+        return self.protocol in RATED
+
+
+OF_APP: Mapping[str, type[Command]] = {"stimuli import": StimuliImport, "analyse": Analyse, "plan": Plan}
+COMMANDS: Mapping[str, type[Command]] = {**COMMANDS_OF_RECON, **OF_APP}

@@ -33,9 +33,7 @@ SCALES: tuple[Scale, ...] = (5, 9, 11, SLIDER)
 ENDS: Mapping[Scale, tuple[int, int]] = {5: (1, 5), 9: (1, 9), 11: (0, 10), SLIDER: (0, 100)}  # worst, best
 KEY_OF_TEN = "X"  # as the Romans wrote it; the digits are taken
 COMPARISON_END = 3  # of the 7 grades of CCR, around "the same"
-
-TYPICAL_INCONSISTENCY = 0.7  # grades of five: standard deviation of somebody's ratings around the qualities
-TYPICAL_SPREAD = 0.4  # log-odds, of people; makes clustered errors about 1.4 times the naive ones, as on real panels
+EXPOSURE_BOUNDS_S = (0.1, 3600.0)  # of a trial's film
 
 IN_PROTOCOLS = "protocols."  # begins the keys of texts that differ between protocols
 

@@ -10,12 +10,14 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from inspect import Parameter, Signature
 from json import JSONDecodeError
 from typing import Annotated, Any, TypeVar
 
-from fastapi import Depends, Request
+from fastapi import Depends, Query, Request
 from fastapi.dependencies.models import Dependant
 from fastapi.responses import Response
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from starlette.types import Scope
 
@@ -121,6 +123,22 @@ def fields_of(dependant: Dependant, part: str = "body") -> dict[str, FieldInfo]:
     for each in dependant.dependencies:
         fields |= fields_of(each, part)
     return fields
+
+
+def from_query(model: type[BaseModel], names: Iterable[str]) -> Callable[..., dict[str, Any]]:
+    """Return a dependency that reads fields of a model from an address, with their bounds, defaults and words."""
+
+    def read(**given: Any) -> dict[str, Any]:
+        return given
+
+    parameters = []
+    for name in names:
+        info = model.model_fields[name]
+        default = Parameter.empty if info.is_required() else info.default
+        annotation: Any = Annotated[(info.annotation, *info.metadata, Query(description=info.description))]
+        parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation))
+    read.__signature__ = Signature(parameters)  # type: ignore[attr-defined]  # PEP 362
+    return read
 
 
 def database(request: Request) -> Database:

@@ -224,9 +224,11 @@ async def _system_error(request: Request, error: Exception) -> Response:
 async def _typed(request: Request) -> Typed:
     """Return the fields of a dashboard form that a person sent, in order, without secrets; none of anything else."""
     is_form = request.headers.get("content-type", "").startswith("application/x-www-form-urlencoded")
-    if not is_form or not _is_page(request) or not _is_dashboard(request):
+    is_asked = request.method == "GET"
+    if not (is_form or is_asked) or not _is_page(request) or not _is_dashboard(request):
         return ()
-    fields = (await request.form()).multi_items()  # cached, as the route has read it already
+    sent = request.query_params if is_asked else await request.form()  # cached, as the route has read it already
+    fields = sent.multi_items()
     return [(name, text) for name, text in fields if isinstance(text, str) and name not in SECRET]
 
 

@@ -10,7 +10,7 @@ if (refused) showAgain(refused);
 function showAgain(message) {
   /** @type {[string, string][]} */
   const typed = JSON.parse(message.dataset.typed ?? "[]");
-  const forms = [...document.forms].filter((form) => form.getAttribute("action") === message.dataset.action);
+  const forms = [...document.forms].filter((form) => form.getAttribute("action")?.split("#")[0] === message.dataset.action);
   const same = forms.find((form) => isOf(form, typed));
   const form = same ?? forms.find((form) => isOf(form, typed, AS_SEEN));
   if (typed.length) history.replaceState(null, "", document.referrer); // at the form's address there is no page to load

@@ -5,7 +5,7 @@ Hundreds of studies are simulated and analysed in one batch, so the power of a c
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,11 @@ from scipy.stats import t as student
 from app.analysis.comparisons.datasets_sample import FEWEST_DATASETS
 from app.analysis.comparisons.study_plan import PlannedStudy, Studies
 from app.analysis.model.contrasts import SIGNIFICANT
+from app.study.planning import MEASURE_CORRELATION, Claim
 
 Array = NDArray[np.float64]
 
 TOGETHER = 1_500_000  # trials simulated at once
-MEASURE_CORRELATION = 0.9  # of a good measure with the true scores
 
 
 def holm_together(p_values: Array) -> Array:
@@ -97,18 +97,18 @@ def _over_datasets(studies: Studies, rng: np.random.Generator) -> NDArray[np.boo
     return np.asarray((studies.p_over_datasets() < SIGNIFICANT) & _pair(studies, rng))
 
 
-Claim = Callable[[Studies, np.random.Generator], NDArray[np.bool_]]
-CLAIMS: dict[str, tuple[str, Callable[[int, float], Array], Claim]] = {
-    "told apart": ("two conditions are told apart (all pairs, Holm)", _two_apart, _told_apart),
-    "pair": ("two conditions fixed before the study differ", _two_apart, _pair),
-    "best": ("one condition is best: it differs from every other", _one_above, _best),
-    "factor": ("a factor of two levels has an effect", _two_halves, _factor),
-    "measure": (f"a measure (correlation {MEASURE_CORRELATION}) goes with the scores", _evenly, _measure),
-    "datasets": ("two conditions fixed before differ for datasets like these", _two_apart, _over_datasets),
+Made = Callable[[Studies, np.random.Generator], NDArray[np.bool_]]
+MADE: Mapping[Claim, tuple[Callable[[int, float], Array], Made]] = {  # the true scores, and in which studies it is made
+    "told apart": (_two_apart, _told_apart),
+    "pair": (_two_apart, _pair),
+    "best": (_one_above, _best),
+    "factor": (_two_halves, _factor),
+    "measure": (_evenly, _measure),
+    "datasets": (_two_apart, _over_datasets),
 }
 
 
-def claim_power(plan: PlannedStudy, claim: str, effect: float, seed: int, replicates: int) -> float:
+def claim_power(plan: PlannedStudy, claim: Claim, effect: float, seed: int, replicates: int) -> float:
     """Return the share of simulated studies in which a claim is made.
 
     Parameters
@@ -120,7 +120,7 @@ def claim_power(plan: PlannedStudy, claim: str, effect: float, seed: int, replic
     seed : for the simulated studies
     replicates : simulated studies
     """
-    _, scores_of, is_made = CLAIMS[claim]
+    scores_of, is_made = MADE[claim]
     if is_made is _over_datasets and plan.datasets < FEWEST_DATASETS:
         return 0.0
     rng = np.random.default_rng(seed)

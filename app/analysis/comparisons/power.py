@@ -10,19 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.comparisons.claims import CLAIMS, claim_power
+from app.analysis.comparisons.claims import claim_power
 from app.analysis.comparisons.study_plan import PlannedStudy
 from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
 from app.analysis.screening.careless import FEWEST_PEOPLE, careless_answers
+from app.study.planning import CLAIMS, MOST_PARTICIPANTS, REPORTED, Claim
 from ground.progress import Progress, no_progress
 
 Array = NDArray[np.float64]
 Tell = Callable[[], None]
 
 WANTED_POWER = 0.8
-REPORTED = "told apart"  # the claim that a report makes of two conditions
-MOST_PARTICIPANTS = 512
 LARGEST_EFFECT = 4.0  # JOD, or grades
 PLACES = {"one_dataset": "one dataset", "pooled": "all datasets"}  # part of a key -> what is simulated
 CLICKERS, CHECKS, PASSES = 0.1, 5, 0.95  # people who click; identical pairs, as many repeated; passed by honest people
@@ -37,7 +36,7 @@ def plan_study(
     effect_jod: float = 0.5,
     replicates: int = 400,
     progress: Progress = no_progress,
-    claim: str = REPORTED,
+    claim: Claim = REPORTED,
 ) -> dict[str, Any]:
     """Return the plan of a study of votes: as `planned`, with `effect_jod`, `detectable_jod_…` and the ties.
 
@@ -61,7 +60,7 @@ def planned(
     *,
     replicates: int = 400,
     progress: Progress = no_progress,
-    claim: str = REPORTED,
+    claim: Claim = REPORTED,
 ) -> dict[str, Any]:
     """Return the power for a claim, the difference claimed with 80 % power, the power of every claim, and the number of
     participants for 80 %.
@@ -115,7 +114,7 @@ def claim_rows(plan: PlannedStudy, effect: float, seed: int, replicates: int) ->
     replicates : simulated studies
     """
     rows = []
-    for claim, (what, _, _) in CLAIMS.items():
+    for claim, what in CLAIMS.items():
         share = claim_power(plan, claim, effect, seed, replicates)
         error = float(np.sqrt(max(share * (1 - share), 0.25 / replicates) / replicates))
         rows.append({"claim": claim, "what": what, "power": share, "power_error": error})
@@ -123,7 +122,7 @@ def claim_rows(plan: PlannedStudy, effect: float, seed: int, replicates: int) ->
 
 
 def participants_wanted(
-    plan: PlannedStudy, effect: float, seed: int, replicates: int, *, claim: str = REPORTED
+    plan: PlannedStudy, effect: float, seed: int, replicates: int, *, claim: Claim = REPORTED
 ) -> dict[str, int] | None:
     """Return how many participants make a claim with 80 % power, with limits for the error of the simulation.
 
@@ -179,7 +178,7 @@ def power(
     replicates: int,
     tell: Tell = no_progress,
     *,
-    claim: str = REPORTED,
+    claim: Claim = REPORTED,
 ) -> float:
     """Return the share of simulated studies in which a claim is made.
 
@@ -270,7 +269,7 @@ def clickers_named(plan: StudyPlan, effect_jod: float, rng: np.random.Generator)
 
 
 def detectable(
-    plan: PlannedStudy, seed: int, replicates: int, tell: Tell = no_progress, *, claim: str = REPORTED
+    plan: PlannedStudy, seed: int, replicates: int, tell: Tell = no_progress, *, claim: Claim = REPORTED
 ) -> float | None:
     """Return the difference detected with 80 % power; None if it is larger than any considered.
 

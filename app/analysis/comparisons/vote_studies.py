@@ -20,12 +20,11 @@ from app.analysis.model.likelihood.newton import Design, Search, maximise
 from app.analysis.model.likelihood.participant_errors import ALIKE
 from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
-from app.study.protocols import TYPICAL_SPREAD
+from app.study.planning import TYPICAL_SPREAD, TYPICAL_TIE_RATE
 
 Array = NDArray[np.float64]
 
 DAVIDSON = TIE_MODELS["davidson"]
-DEFAULT_TIE_RATE = 0.2
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class StudyPlan(PlannedStudy):
 
     unit: ClassVar[float] = LOG_ODDS_PER_JOD  # effects are in JOD
 
-    tie_rate: float = DEFAULT_TIE_RATE
+    tie_rate: float = TYPICAL_TIE_RATE
     spread: float = field(default=TYPICAL_SPREAD, kw_only=True)
 
     def __post_init__(self) -> None:

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from app.analysis.comparisons.power import REPORTED, planned
+from app.analysis.comparisons.power import planned
 from app.analysis.comparisons.study_plan import PlannedStudy, Studies
 from app.analysis.ratings.opinion_scores import means_with_errors
+from app.study.planning import REPORTED, Claim
 from ground.progress import Progress, no_progress
 
 Array = NDArray[np.float64]
@@ -124,7 +125,7 @@ def plan_ratings(
     *,
     replicates: int = 400,
     progress: Progress = no_progress,
-    claim: str = REPORTED,
+    claim: Claim = REPORTED,
 ) -> dict[str, Any]:
     """Return the plan of a study of ratings, as `planned`; effects and differences are in grades.
 

@@ -30,8 +30,7 @@ from app.study.design.adaptive import check_adaptive
 from app.study.design.groups import check_groups
 from app.study.option_fields import SettingError
 from app.study.options.options import StudyOptions, check_minimum_viewing, parse_options, without_effect
-from app.study.options.study_file import EXPOSURE_BOUNDS_S
-from app.study.protocols import DCR, WITH_REFERENCE
+from app.study.protocols import DCR, EXPOSURE_BOUNDS_S, WITH_REFERENCE
 from app.study.stages import PRACTICE
 
 

@@ -13,9 +13,9 @@ from pydantic import BeforeValidator, Field
 from app.study.languages.text import check_text
 from app.study.option_fields import ANY_TIME, Options, Setting, SettingError
 from app.study.options.options import StudyOptions, parse_options
+from app.study.protocols import EXPOSURE_BOUNDS_S
 from ground.file_models import schema_name
 
-EXPOSURE_BOUNDS_S = (0.1, 3600.0)
 LONGEST_FILE = 80_000  # characters in a form, which takes 1 MiB and escapes a letter to up to twelve bytes
 MOST_PARTS = 32  # of a dotted key, which a study's file has four of; tomllib's time and memory grow with their square
 DOTTED = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MOST_PARTS}}}""")

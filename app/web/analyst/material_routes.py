@@ -10,30 +10,32 @@ from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import InvalidError, NotFoundError
+from app.operations.commands import Plan
+from app.operations.planning import ASSUMPTIONS, plan_on_server
 from app.operations.studies.edit import check_edit, keep_study_image, remove_study_image, save_edit
 from app.operations.studies.manage import study_file_of
 from app.store.access.tokens import READ
 from app.store.studies.film_failures import settle_failures
 from app.store.studies.images import image_content, image_digests
 from app.store.trials.designs import conditions_of, datasets_of, shown_pairs
-from app.store.trials.orders import most_trials, study_plan
+from app.store.trials.orders import most_trials
 from app.study.options.duration import stage_minutes
 from app.study.options.options import parse_options
 from app.study.options.own_texts import CONSENT, DEBRIEFING
 from app.study.options.wording import first_language, own_texts, refused_languages
+from app.study.protocols import ACR, PC
 from app.study.trial.image import LARGEST_IMAGE, media_type
 from app.web.analyst import columns
 from app.web.analyst.formats import ChosenFormat, CompressedRoute, json_object, table
 from app.web.analyst.openapi import file_body, object_answers, table_answers
 from app.web.analyst.openapi_examples import DESIGN, PLAN, TEXTS
-from app.web.analyst.results import FIGURE_TYPES, balance_soon, figure, figures_of, plan_of, results_of
+from app.web.analyst.results import FIGURE_TYPES, balance_soon, figure, figures_of, results_of
 from app.web.analyst.study_routes import Body, StudyEditor
-from app.web.gates import Now, Store, languages, settings
+from app.web.gates import Now, Store, from_query, languages, settings
 from app.web.roles import AStudy, may_read
 
 PLAIN = {CONSENT: "consent", DEBRIEFING: "debriefing"}  # options that hold the texts of the study's first language
 LONGEST_CHECK_S = 60
-MOST_PLANNED = 400  # pairs of a study, which take some 4 s to simulate
 IMAGES = ("image/png", "image/jpeg", "image/gif", "image/webp")
 
 router = APIRouter(prefix="/api/v1", tags=["material"], route_class=CompressedRoute)
@@ -41,17 +43,8 @@ router = APIRouter(prefix="/api/v1", tags=["material"], route_class=CompressedRo
 READING = [Depends(may_read(READ))]
 Image = Annotated[str, Path(max_length=80)]
 Language = Annotated[str, Path(max_length=40)]
-Participants = Annotated[int, Query(ge=2, le=500)]
-Effect = Annotated[float, Query(ge=0.05, le=4, allow_inf_nan=False, description="JOD, or grades of a rating")]
-Spread = Annotated[
-    float | None,
-    Query(
-        ge=0,
-        le=3,
-        allow_inf_nan=False,
-        description="of opinions among people: log-odds (0.4 by default), or grades (0)",
-    ),
-]
+Assumed = Annotated[dict[str, Any], Depends(from_query(Plan, ASSUMPTIONS))]
+Size = Annotated[dict[str, Any], Depends(from_query(Plan, ("conditions", "datasets")))]
 FIGURE_ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"content": {kind.split(";")[0]: {"schema": {"type": "string"}} for kind in FIGURE_TYPES.values()}}
 }
@@ -160,36 +153,23 @@ def design(study: AStudy, database: Store, chosen: ChosenFormat, now: Now) -> Re
 
 
 @router.get("/studies/{slug}/plan", responses=object_answers(PLAN), dependencies=READING)
-def plan_of_study(
-    study: AStudy,
-    database: Store,
-    chosen: ChosenFormat,
-    participants: Participants = 22,
-    effect: Effect = 0.5,
-    spread: Spread = None,
-) -> Response:
+def plan_of_study(study: AStudy, database: Store, chosen: ChosenFormat, assumed: Assumed) -> Response:
     """Say what so many participants of a study can show: the power of each claim, by simulation."""
     with database.reading() as connection:
         n_conditions, n_datasets = len(conditions_of(connection, study.id)), len(datasets_of(connection, study.id))
-        is_rated = study_plan(connection, study).is_rated
-    _check_size(n_conditions, n_datasets)
-    planned = plan_of(n_conditions, n_datasets, participants, effect, spread, is_rated=is_rated)
-    return json_object(planned, chosen)
+    size = {"conditions": n_conditions, "datasets": n_datasets}
+    return json_object(plan_on_server(parse_options(study.options).protocol, size | assumed), chosen)
 
 
 @router.get("/plan", responses=object_answers(PLAN), dependencies=READING)
 def plan(
     chosen: ChosenFormat,
-    conditions: Annotated[int, Query(ge=2, le=50)],
-    datasets: Annotated[int, Query(ge=1, le=100)] = 1,
-    participants: Participants = 22,
-    effect: Effect = 0.5,
-    spread: Spread = None,
+    size: Size,
+    assumed: Assumed,
     is_rated: Annotated[bool, Query(description="ratings of single films rather than choices between two")] = False,
 ) -> Response:
     """Say what a study of so many conditions, datasets and participants can show, before there is any."""
-    _check_size(conditions, datasets)
-    return json_object(plan_of(conditions, datasets, participants, effect, spread, is_rated=is_rated), chosen)
+    return json_object(plan_on_server(ACR if is_rated else PC, size | assumed), chosen)
 
 
 @router.get("/studies/{slug}/figures", responses=table_answers(columns.FIGURES), dependencies=READING)
@@ -213,18 +193,3 @@ def figure_file(
     if content is None:
         raise NotFoundError("There is no such figure of these votes yet; figures are listed beside this address.")
     return Response(content, media_type=FIGURE_TYPES[kind])
-
-
-def _check_size(n_conditions: int, n_datasets: int) -> None:
-    """Refuse to simulate studies that would keep the server busy for long.
-
-    Raises
-    ------
-    InvalidError
-    """
-    n_trials = n_conditions * (n_conditions - 1) // 2 * n_datasets
-    if n_trials > MOST_PLANNED:
-        raise InvalidError(
-            f"A study of {n_conditions} conditions in {n_datasets} datasets has {n_trials} pairs; this server "
-            f"simulates {MOST_PLANNED} at most. `reconstudy plan` on a computer of your own has no such limit."
-        )

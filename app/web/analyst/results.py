@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 from app.intake.reports import better_by_measure, by_measure
@@ -22,7 +22,7 @@ from app.store.trials.orders import study_plan, taken_orders
 from app.study.design.balance import balance_report
 from app.study.design.groupings import groupings, without_small_groups
 from app.study.options.options import StudyOptions, parse_options
-from app.study.protocols import CCR, PC, RATED, TYPICAL_INCONSISTENCY, WITH_REFERENCE
+from app.study.protocols import CCR, PC, RATED, WITH_REFERENCE
 from app.web.analyst.columns import with_others
 from app.web.analyst.formats import csv_text
 from app.web.analyst.study_votes import read_votes_table
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 RESULTS_KEPT = 16  # the latest; one of a study with 100 participants takes some MB
 ASSIGNED = "assigned group"  # beside the questions that participants are grouped by
-REPLICATES = 200  # simulated studies; gives the power to about 3 %
 PATIENCE_S = 0.4  # checking the orders of 10 000 participants takes minutes
 TABLE_NAMES = {"ratings": "rating_items", "comparisons": "comparison_items"}  # in analysis.json
 FIGURE_TYPES = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf", "csv": "text/csv; charset=utf-8"}
@@ -338,41 +337,3 @@ def _checked_orders(database: Database, study: Study, now: datetime) -> dict[str
             return balance_report(study_plan(connection, study), taken_orders(connection, study, now))
 
     return _reports.get(known, check)
-
-
-@lru_cache(maxsize=64)
-def plan_of(
-    conditions: int, datasets: int, participants: int, effect: float, spread: float | None, *, is_rated: bool
-) -> Mapping[str, Any]:
-    """Return what a study can show: the power in one dataset and over all, of every claim, and the participants wanted
-    for what a report says.
-
-    Parameters
-    ----------
-    conditions, datasets, participants : numbers
-    effect : true difference of two conditions, JOD, or grades where rated
-    spread : how far people's opinions differ, log-odds, or grades where rated; None: the default
-    is_rated : ratings of single films rather than choices between two
-    """
-    from app.analysis.comparisons.power import claim_rows, participants_wanted, power
-    from app.analysis.comparisons.vote_studies import StudyPlan
-    from app.analysis.ratings.planning import RatingPlan
-
-    differ = {} if spread is None else {"spread": spread}
-    plan = (
-        RatingPlan(conditions, datasets, participants, TYPICAL_INCONSISTENCY, **differ)
-        if is_rated
-        else StudyPlan(conditions, datasets, participants, **differ)
-    )
-    single, pooled = (power(each, effect, 1, REPLICATES) for each in (replace(plan, datasets=1), plan))
-    return {
-        "conditions": conditions,
-        "datasets": datasets,
-        "participants": participants,
-        "effect": effect,
-        "spread": plan.spread,
-        "is_rated": is_rated,
-        "power": {"one_dataset": single, "all_datasets": pooled},
-        "claims": claim_rows(plan, effect, 1, REPLICATES),
-        "participants_wanted": participants_wanted(plan, effect, 1, REPLICATES),
-    }

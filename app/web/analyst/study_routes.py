@@ -40,8 +40,9 @@ from app.study.options.option_table import COLUMNS
 from app.study.options.options import overridden, parse_options
 from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.presets import QUICK
-from app.study.options.study_file import EXPOSURE_BOUNDS_S, StudyFile
+from app.study.options.study_file import StudyFile
 from app.study.options.wording import check_languages
+from app.study.protocols import EXPOSURE_BOUNDS_S
 from app.web.analyst.formats import CompressedRoute
 from app.web.gates import Store, languages, link_to, settings
 from app.web.roles import AStudy, may_change

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Depends, Request
 from fastapi.responses import Response
 
-from app.store.trials.designs import conditions_of
+from app.operations.commands import Plan
+from app.operations.planning import ASSUMPTIONS, plan_on_server
+from app.store.trials.designs import conditions_of, datasets_of
 from app.store.trials.orders import most_trials, study_plan
 from app.study.design.balance import holds
 from app.study.options.duration import stage_minutes
 from app.study.options.options import parse_options
-from app.study.protocols import TYPICAL_INCONSISTENCY, TYPICAL_SPREAD
+from app.study.planning import MOST_PARTICIPANTS, usual_spread
 from app.web.admin.layout import study_page
 from app.web.admin.listing import listed
-from app.web.analyst.results import REPLICATES, balance_soon, plan_of
-from app.web.gates import Now, Store
+from app.web.analyst.results import balance_soon
+from app.web.gates import Now, Store, from_query
 from app.web.roles import AStudy, Person
 
 PAIR_COLUMNS = ("dataset", "item_1", "item_2", "n_shown", "n_1_is_a", "n_1_is_first")
+IN_UNITS = ("effect", "spread", "by_dataset", "dataset_spread")  # of the scores: JOD or log-odds, or grades
+ASKED_FIRST = ("participants", "effect", "spread", "claim")
+OF_VOTES, OF_RATINGS = "tie_rate", "inconsistency"  # what a plan of the other does not use
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
@@ -31,20 +36,16 @@ def design_page(
     study: AStudy,
     database: Store,
     now: Now,
-    participants: Annotated[int | None, Query(ge=2, le=500)] = None,
-    effect: Annotated[float, Query(ge=0.05, le=4, allow_inf_nan=False)] = 0.5,
-    spread: Annotated[float | None, Query(ge=0, le=3, allow_inf_nan=False)] = None,
+    assumed: Annotated[dict[str, Any], Depends(from_query(Plan, ASSUMPTIONS))],
 ) -> Response:
     with database.reading() as connection:
         plan = study_plan(connection, study)
         n_trials = most_trials(connection, study)
-        conditions = conditions_of(connection, study.id)
+        conditions, datasets = conditions_of(connection, study.id), datasets_of(connection, study.id)
     report, _ = balance_soon(database, study, now)
-    minutes = stage_minutes(parse_options(study.options), n_trials, study.exposure_s)
-    n_datasets = len({pair.dataset for pair in plan.pairs})
-    size = (len(conditions), n_datasets, participants or 22, effect, spread)
-    planned = plan_of(*size, is_rated=plan.is_rated) if participants else None
-    usual = 0.0 if plan.is_rated else TYPICAL_SPREAD
+    options = parse_options(study.options)
+    size = {"conditions": len(conditions), "datasets": len(datasets)}
+    fields = [field for name, field in ASSUMPTIONS.items() if name != (OF_VOTES if plan.is_rated else OF_RATINGS)]
     context = {
         "report": report,
         "holds": holds,
@@ -53,21 +54,15 @@ def design_page(
         "factors": study.factors,
         "n_trials": n_trials,
         "is_rated": plan.is_rated,
-        "inconsistency": TYPICAL_INCONSISTENCY,
-        "minutes": round(sum(minutes.values())),
-        "planned": planned,
-        "replicates": REPLICATES,
-        "most_participants": _most_participants() if planned else None,
-        "asked": {
-            "participants": participants or 22,
-            "effect": effect,
-            "spread": usual if spread is None else spread,
-        },
+        "minutes": round(sum(stage_minutes(options, n_trials, study.exposure_s).values())),
+        "planned": plan_on_server(options.protocol, size | assumed) if "participants" in request.query_params else None,
+        "asked": assumed | ({"spread": usual_spread(options.protocol)} if assumed["spread"] is None else {}),
+        "most_participants": MOST_PARTICIPANTS,
+        "in_units": IN_UNITS,
+        "is_changed": any(
+            assumed[field.name] != (field.default or 0) for field in fields if field.name not in ASKED_FIRST
+        ),
+        "first": [field for field in fields if field.name in ASKED_FIRST],
+        "others": [field for field in fields if field.name not in ASKED_FIRST],
     }
     return study_page(request, "design", person, study, context)
-
-
-def _most_participants() -> int:
-    from app.analysis.comparisons.power import MOST_PARTICIPANTS  # the analysis has been loaded for a plan
-
-    return MOST_PARTICIPANTS

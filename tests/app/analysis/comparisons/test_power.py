@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.analysis.comparisons.claims import CLAIMS, claim_power, pair_directions
+from app.analysis.comparisons.claims import claim_power, pair_directions
 from app.analysis.comparisons.comparison import compare
 from app.analysis.comparisons.datasets_sample import pair_p_values
 from app.analysis.comparisons.power import (
@@ -24,6 +24,7 @@ from app.analysis.model.contrasts import contrasts
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.ratings.planning import RatingPlan, plan_ratings
 from app.analysis.reading.votes_table import votes_from_indices
+from app.study.planning import CLAIMS, Claim
 
 
 def test_simulated_votes_have_the_abilities_and_ties_put_in() -> None:
@@ -111,7 +112,7 @@ def test_the_power_is_that_of_the_claim_that_the_report_makes() -> None:
 
 
 @pytest.mark.parametrize("claim", CLAIMS)
-def test_a_claim_of_nothing_is_made_as_often_as_its_level_says(claim: str) -> None:
+def test_a_claim_of_nothing_is_made_as_often_as_its_level_says(claim: Claim) -> None:
     assert power(StudyPlan(6, 5, 22, dataset_spread=0.0), 1e-9, 3, 300, claim=claim) < 0.09
 
 
@@ -153,7 +154,7 @@ def test_the_number_of_participants_comes_with_the_error_of_its_simulation() -> 
 
 def test_an_unknown_claim_is_refused() -> None:
     with pytest.raises(ValueError, match="claim is 'all', expected one of told apart, pair"):
-        plan_study(StudyPlan(3, 1, 4), np.random.default_rng(1), claim="all")
+        plan_study(StudyPlan(3, 1, 4), np.random.default_rng(1), claim="all")  # type: ignore[arg-type]  # what is refused
 
 
 def test_a_measure_is_not_shown_by_scores_that_are_all_equal() -> None:

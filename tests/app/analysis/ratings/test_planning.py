@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import ncf, t
 
-from app.analysis.comparisons.claims import CLAIMS, pair_directions
+from app.analysis.comparisons.claims import pair_directions
 from app.analysis.comparisons.power import detectable, participants_wanted, power
 from app.analysis.ratings.contrasts import rating_contrasts
 from app.analysis.ratings.planning import RatingPlan, RatingStudies, plan_ratings
 from app.analysis.ratings.table import RatingTable
+from app.study.planning import CLAIMS, Claim
 
 PLAN = RatingPlan(conditions=6, datasets=3, participants=12, inconsistency=0.8)
 
@@ -68,7 +69,7 @@ def table_of(ratings: np.ndarray) -> RatingTable:
 
 
 @pytest.mark.parametrize("claim", CLAIMS)
-def test_a_claim_of_nothing_is_made_as_often_as_its_level_says(claim: str) -> None:
+def test_a_claim_of_nothing_is_made_as_often_as_its_level_says(claim: Claim) -> None:
     assert power(replace(PLAN, datasets=5, spread=0.3), 1e-9, 3, 400, claim=claim) < 0.09
 
 

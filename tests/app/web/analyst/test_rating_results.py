@@ -83,7 +83,7 @@ def test_mean_opinion_scores_are_means_of_the_votes_and_are_compared_with_measur
     ]
     attached.write_text("\n".join(["dataset,approach,measure,value,better", *values, ""]), encoding="utf-8")
     attach_results(settings, [attached], path.rsplit("/", 1)[1])
-    for tab in ("", "/results", "/votes", "/design", "/stimuli", "/participants", "/objective", "/edit"):
+    for tab in ("", "/results", "/votes", "/design?participants=6", "/stimuli", "/participants", "/objective", "/edit"):
         assert experimenter.get(f"{page}{tab}").status_code == 200, tab
     results = experimenter.get(f"{page}/results").text
     assert "pm_fb (reference)" in results
