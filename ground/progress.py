@@ -25,7 +25,13 @@ class Pace:
         self._part_s: float | None = None  # what one takes
 
     def left_s(self, done: int, total: int, now_s: float) -> float | None:
-        """Return about how many seconds are left; None while nothing tells, or nothing is left."""
+        """Return about how many seconds are left; None while nothing tells, or nothing is left.
+
+        Parameters
+        ----------
+        done, total : how many are done, and how many there are
+        now_s : the time, by a clock that only goes on
+        """
         if total > self._total or done < self._moments[-1][0]:
             self._moments, self._part_s = [(done, now_s)], None
         self._total = total

@@ -27,7 +27,9 @@ MOVING, STATIC = "moving", "static"  # what PM makes: models of all frames, or o
 FEW, ALL = "few", "all"  # which clouds stay on disk
 PLAIN, PACKED = "plain", "packed"  # how meshes are stored
 STRETCH = 12  # frames of PM in which each starts from the one before; more would keep fewer workers busy
-PM_WORK = 5  # a frame by PM takes as long as so many by ID or DR: 4 at full HD (docs/surface.md), 6 at 480x270
+# A frame by PM takes as long as so many by ID or DR, and the first of a stretch as so many frames: of synthetic people
+# 6.3 and 3.1 at 480x270, 5.3 and 2.8 at 1080x1920.
+PM_WORK, FIRST_WORK = 6, 3
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,9 @@ class Job:
 
     def work(self, stretch: Sequence[View]) -> int:
         """Return how much work matching a stretch is, in frames by ID or DR; what other programs take is not known."""
-        return len(stretch) * (PM_WORK if is_pm(self.options.methods.depth[stretch[0].method]) else 1)
+        if not is_pm(self.options.methods.depth[stretch[0].method]):
+            return len(stretch)
+        return PM_WORK * (FIRST_WORK + len(stretch) - 1)
 
     def surface(self, method: str) -> SurfaceParameters:
         """Return the parameters of the surfaces of a depth method, with a voxel."""
