@@ -29,8 +29,8 @@ class ProgressLine:
     """Shows how far a command is: one line that rewrites itself on a terminal, plain lines otherwise.
 
     An instance is a `Progress`; where a `with` block ends, so does its line, whatever happened. Within one, a terminal
-    is told the time while nothing moves. The file that `RECONSTUDY_PROGRESS_FILE` names, if it is
-    set, is replaced by `{"step", "done", "total", "left_s"}`.
+    is told the time while nothing moves. The file that `RECONSTUDY_PROGRESS_FILE` names,
+    if it is set, is replaced by `{"step", "done", "total", "left_s"}`.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
