@@ -30,7 +30,7 @@ from app.store.database.server_tasks import (
     tell_progress,
 )
 from app.store.studies.audit import Actor, Entry, record_alone
-from ground.progress import duration
+from ground.progress import Pace, duration
 
 TELLS_EVERY_S = 0.5
 BEATS_EVERY_S = BEATS_WITHIN.total_seconds() / 4
@@ -42,24 +42,6 @@ Kept = Mapping[str, Any]
 Work = Callable[[Progress], str]  # takes a function that reports progress; returns the address of the result
 
 log = logging.getLogger(__name__)
-
-
-class Pace:
-    """Tells how much is left of a step, from how long its parts took that are done; another total begins a step."""
-
-    def __init__(self) -> None:
-        self._total, self._done = -1, 0
-        self._began_s, self._already_done = 0.0, 0
-
-    def left(self, done: int, total: int, now_s: float) -> str:
-        """Return what to add to a step's words; empty while nothing tells."""
-        if total != self._total or done < self._done:
-            self._began_s, self._already_done = now_s, done
-        self._total, self._done = total, done
-        if not self._already_done < done < total:
-            return ""
-        part_s = (now_s - self._began_s) / (done - self._already_done)
-        return f", about {duration(part_s * (total - done))} left of this step"
 
 
 def start_task(
@@ -130,11 +112,12 @@ def _run(database: Database, actor: Actor, title: str, public_id: str, work: Cal
 
     def tell(what: str, done: int, total: int) -> None:
         nonlocal last_s
-        left = pace.left(done, total, time.monotonic())
+        left_s = pace.left_s(done, total, time.monotonic())
         if time.monotonic() - last_s >= TELLS_EVERY_S:
             last_s = time.monotonic()
             if is_cancelled(database, public_id):
                 raise ConflictError(CANCELLED)
+            left = "" if left_s is None else f", about {duration(left_s)} left of this step"
             tell_progress(database, public_id, done, total, what + left, utc_now())
 
     try:

@@ -13,16 +13,13 @@ from typing import Annotated, Any, Self
 
 import typer
 
-from ground.progress import duration
+from ground.progress import Pace, duration
 from recon.runtime.files import write_json
 
 PLAIN_LINE_EVERY_S = 5.0
 BEAT_S = 1.0  # how often a terminal is told the time while nothing moves
 PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # names a file to which a command writes how far it is, for programs
 FILE_EVERY_S = 0.5
-# What of a part tells how long the rest takes. Its first tells nothing: it starts processes, loads and compiles; what
-# follows it within a quarter of its time may have been made beside it.
-TELLING_SHARE, TELLING, TELLING_TIME = 0.1, 20, 0.25
 CLEARED = "\r\x1b[K"  # what lets a terminal's line begin anew
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on standard output.")]
@@ -32,8 +29,8 @@ class ProgressLine:
     """Shows how far a command is: one line that rewrites itself on a terminal, plain lines otherwise.
 
     An instance is a `Progress`; where a `with` block ends, so does its line, whatever happened. Within one, a terminal
-    is told the time while nothing moves. What is left is estimated from the time since the part's first. The file
-    that `RECONSTUDY_PROGRESS_FILE` names, if it is set, is replaced by `{"step", "done", "total", "left_s"}`.
+    is told the time while nothing moves. The file that `RECONSTUDY_PROGRESS_FILE` names,
+    if it is set, is replaced by `{"step", "done", "total", "left_s"}`.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -42,8 +39,7 @@ class ProgressLine:
         self._written = -FILE_EVERY_S
         self._what = ""
         self._started = self._printed = self._told = clock()
-        self._already_done = 0
-        self._first: tuple[float, int] | None = None  # when the part's first was done, and how many were then
+        self._pace = Pace()
         self._shown: Callable[[], str] | None = None  # the line that is being rewritten, as it reads now
         self._lock = threading.RLock()
         self._ended = threading.Event()
@@ -62,10 +58,8 @@ class ProgressLine:
         if what != self._what:
             self.close()
             self._what, self._started, self._printed = what, now, now - PLAIN_LINE_EVERY_S
-            self._already_done, self._first = done, None
-        if self._first is None and done > self._already_done:
-            self._first = now, done
-        left_s = self._left_s(now, done, total)
+            self._pace = Pace()
+        left_s = self._pace.left_s(done, total, now)
         self._write(now, {"step": what, "done": done, "total": total, "left_s": left_s})
         if sys.stderr.isatty():
             self._rewrite(lambda: f"{what}: {done}/{total} {_bar(done, total)} {self._times(now, left_s)}")
@@ -103,15 +97,6 @@ class ProgressLine:
         now = self._clock()
         still_s = -1.0 if left_s is None else left_s - (now - told)
         return duration(now - self._started) + (f", about {duration(still_s)} left" if still_s >= 0 else "")
-
-    def _left_s(self, now: float, done: int, total: int) -> float | None:
-        """Estimate the seconds that are left of this part; None where nothing tells, or nothing is left."""
-        if self._first is None or done >= total:
-            return None
-        since, n_first = self._first
-        enough = min(TELLING_SHARE * (total - self._already_done), TELLING)
-        is_telling = done - self._already_done >= enough and now - since >= TELLING_TIME * (since - self._started)
-        return (now - since) / (done - n_first) * (total - done) if done > n_first and is_telling else None
 
     def _write(self, now: float, progress: Mapping[str, Any]) -> None:
         """Tell programs; not every time, but when a part begins or ends."""

@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
-from itertools import chain, zip_longest
+from itertools import chain, repeat, zip_longest
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -196,11 +196,12 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
         before = approaches_before(run)
         remove(run / RUN_FILE)  # it describes the files of an earlier start, which this one may replace
 
-        def make(stage: str, tasks: Sequence[partial[list[str]]]) -> None:
-            timings[stage] = _run_stage(stage, tasks, job.artefacts, pool, progress)
+        def make(stage: str, tasks: Sequence[partial[list[str]]], work: Iterable[int] = repeat(1)) -> None:
+            weighed = dict(zip(tasks, work, strict=False))
+            timings[stage] = _run_stage(stage, weighed, job.artefacts, pool, progress)
 
         make("rows", [partial(measure_rows, job, sensor) for sensor in job.matched_sensors])
-        make("matching", [partial(match_stretch, job, stretch) for stretch in job.stretches])
+        make("matching", [partial(match_stretch, job, each) for each in job.stretches], map(job.work, job.stretches))
         make("depth maps", [partial(filter_sequence, job, sequence) for sequence in job.sequences])
         make("clouds", [partial(make_cloud, job, view) for view in views])
         _check_points(job)
@@ -286,20 +287,25 @@ def _check_points(job: Job) -> None:
 
 
 def _run_stage(
-    stage: str, tasks: Sequence[partial[list[str]]], artefacts: Artefacts, pool: Pool, progress: Progress
+    stage: str, tasks: Mapping[partial[list[str]], int], artefacts: Artefacts, pool: Pool, progress: Progress
 ) -> float:
     """Run the tasks of a stage, log what they made, and return how long that took, s.
 
-    Progress counts what is made. What was finished before took no time, and would make the time that is left too short.
+    Progress counts their work. What was finished before took no time, and would make the time that is left too short.
     """
     started = time.perf_counter()
-    made, total = 0, len(tasks)
+    made, total = 0, sum(tasks.values())
     progress(stage, made, total)
-    for names in pool.run(tasks):
+    for names, work in pool.run([partial(_with_work, *each) for each in tasks.items()]):
         for name in names:
             warnings = artefacts.warnings([name])
             log(artefacts.folder, {"time": time.time(), "made": name} | ({"warnings": warnings} if warnings else {}))
-        made, total = (made + 1, total) if names else (made, total - 1)
-        progress(stage, *((made, total) if total else (len(tasks), len(tasks))))
+        made, total = (made + work, total) if names else (made, total - work)
+        progress(stage, *((made, total) if total else 2 * (sum(tasks.values()),)))
     store_log(artefacts.folder)
     return time.perf_counter() - started
+
+
+def _with_work(task: partial[list[str]], work: int) -> tuple[list[str], int]:
+    """Run a task; tells with what it made how much work that was."""
+    return task(), work

@@ -51,24 +51,6 @@ def test_what_was_done_before_the_first_line_does_not_make_the_estimate_short(
     assert lines(capsys, [(0, "models", 0, 2), (9, "films", 1, 2), (8, "films", 2, 2)])[1] == "films: 1/2 (0 s)"
 
 
-def test_nothing_is_foretold_from_the_first_which_starts_processes_and_compiles(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    told = lines(capsys, [(0, "frames", 0, 300), (8, "frames", 1, 300), (12, "frames", 15, 300)])
-    assert told == ["frames: 0/300 (0 s)", "frames: 1/300 (8 s)", "frames: 15/300 (20 s)"]
-    told = lines(capsys, [(0, "meshes", 0, 15), (155, "meshes", 1, 15), (40, "meshes", 11, 15)])
-    assert told[1:] == ["meshes: 1/15 (3 min)", "meshes: 11/15 (3 min, about 16 s left)"]
-
-
-def test_nothing_is_foretold_from_what_other_processes_made_beside_the_first(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    beside = [(0, "films", 0, 12), (60, "films", 1, 12), (5, "films", 3, 12), (55, "films", 4, 12), (5, "films", 6, 12)]
-    assert lines(capsys, beside)[2:] == [
-        *("films: 3/12 (65 s)", "films: 4/12 (2 min, about 3 min left)", "films: 6/12 (2 min, about 78 s left)"),
-    ]
-
-
 def test_a_line_that_is_being_rewritten_ends_before_an_error_is_told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -28,7 +28,7 @@ from recon.geometry.mesh_files import read_mesh
 from recon.pipeline import stages
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
 from recon.pipeline.film_plan import check_loops, planned_films
-from recon.pipeline.job import ReconstructOptions, planned_job
+from recon.pipeline.job import FIRST_WORK, PM_WORK, ReconstructOptions, planned_job
 from recon.pipeline.methods import match
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.render import render
@@ -168,6 +168,15 @@ def test_what_an_earlier_start_finished_does_not_make_the_time_that_is_left_shor
     n_clouds = next(total for stage, _, total in told if stage == "clouds")
     assert [total for stage, done, total in told if (stage, done) == ("clouds", 1)][-1] == 1 < n_clouds
     assert [event for event in told if event[0] == "matching"][-1] == ("matching", n_clouds, n_clouds)
+
+
+@pytest.mark.slow
+def test_a_frame_by_pm_counts_as_the_work_that_it_is_so_that_the_time_left_can_be_told(
+    capture: Capture, tmp_path: Path
+) -> None:
+    job = planned_job(capture, tmp_path / "run", ReconstructOptions(depths=("id", "pm")))
+    assert [job.work(each) for each in job.stretches if each[0].method == "id"] == [1] * 4
+    assert [job.work(each) for each in job.stretches if each[0].method == "pm"] == [PM_WORK * (FIRST_WORK + 1)] * 2
 
 
 @pytest.mark.slow

@@ -79,19 +79,6 @@ def test_work_of_which_one_step_takes_long_is_not_taken_for_lost(
             assert not thread.is_alive()
 
 
-def test_a_task_tells_what_is_left_of_its_step_from_what_is_done() -> None:
-    pace = tasks.Pace()
-    assert [pace.left(done, 6, 10.0 * done) for done in range(4)] == [
-        "",
-        ", about 50 s left of this step",
-        ", about 40 s left of this step",
-        ", about 30 s left of this step",
-    ]
-    assert pace.left(1, 12, 100.0) == "", "another step begins, of which nothing is known"
-    assert pace.left(2, 12, 130.0) == ", about 5 min left of this step"
-    assert pace.left(12, 12, 200.0) == ""
-
-
 @pytest.mark.slow
 def test_who_clicks_twice_is_led_to_the_work_that_runs(
     own_server: str, own: Settings, slow_creation: tuple[Event, list[str]]
