@@ -10,7 +10,7 @@ from fastapi.responses import Response
 from app.store.trials.designs import conditions_of
 from app.store.trials.orders import most_trials, study_plan
 from app.study.design.balance import holds
-from app.study.options.duration import stage_minutes
+from app.study.options.duration import stage_minutes, whole_minutes
 from app.study.options.options import parse_options
 from app.study.protocols import TYPICAL_INCONSISTENCY, TYPICAL_SPREAD
 from app.web.admin.layout import study_page
@@ -40,7 +40,7 @@ def design_page(
         n_trials = most_trials(connection, study)
         conditions = conditions_of(connection, study.id)
     report, _ = balance_soon(database, study, now)
-    minutes = stage_minutes(parse_options(study.options), n_trials, study.exposure_s)
+    minutes = whole_minutes(stage_minutes(parse_options(study.options), n_trials, study.exposure_s))
     n_datasets = len({pair.dataset for pair in plan.pairs})
     size = (len(conditions), n_datasets, participants or 22, effect, spread)
     planned = plan_of(*size, is_rated=plan.is_rated) if participants else None
@@ -54,7 +54,7 @@ def design_page(
         "n_trials": n_trials,
         "is_rated": plan.is_rated,
         "inconsistency": TYPICAL_INCONSISTENCY,
-        "minutes": round(sum(minutes.values())),
+        "minutes": sum(minutes.values()),
         "planned": planned,
         "replicates": REPLICATES,
         "most_participants": _most_participants() if planned else None,
