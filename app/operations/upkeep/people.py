@@ -45,11 +45,20 @@ def include_person(database: Database, study: Study, label: str, actor: Actor) -
 
 
 def let_take_part_again(database: Database, study: Study, label: str, actor: Actor) -> None:
-    """Let somebody begin anew by the same link; what they gave before stays, and counts no more."""
+    """Let somebody begin anew by the same link; what they gave before stays, and counts no more.
+
+    Raises
+    ------
+    ConflictError
+        If they were let in again before: a second place would let one person count twice.
+    """
     with database.writing() as connection:
         person = participant_labelled(connection, study.id, label)
         check_not_erased(connection, person.id)
-        if not participant_record(connection, person)["excluded"]:
+        kept = participant_record(connection, person)
+        if kept["excluded"] and kept["reason"] == AGAIN:
+            raise ConflictError(f"{label} may take part again already, by the same link.")
+        if not kept["excluded"]:
             exclude(connection, person, AGAIN, actor.name, actor.now)
         let_in_again(connection, person.id, label)
         actor.note(connection, "participant let in again", study, label)
