@@ -12,7 +12,6 @@ from pydantic import StringConstraints
 
 from app.errors import InvalidError
 from app.operations.upkeep.people import (
-    AGAIN,
     enter_screening,
     erase_person,
     exclude_person,
@@ -23,6 +22,7 @@ from app.operations.upkeep.people import (
 )
 from app.store.access.experimenters import Experimenter
 from app.store.participants.comments import SoughtComments, comment_records
+from app.store.participants.exclusions import AGAIN
 from app.store.participants.participants import (
     SORTABLE,
     SoughtPeople,
