@@ -175,7 +175,8 @@ export class Trials {
 
   /** @param {TrialDescription} following @returns {Promise<TrialDescription>} once its film is here and the server has had its time */
   async #withoutServer(following) {
-    await Promise.all([this.#film(following.media).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
+    const film = this.#film(following.media).whole.catch(() => NEVER); // one that fails is told of when it is shown
+    await Promise.all([film, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
     return following;
   }
 
