@@ -82,8 +82,9 @@ export class Trials {
     } catch (error) {
       if (error instanceof Refusal && error.status !== NOT_FOUND) throw error;
       const why = error instanceof Error && error.message ? error.message : String(error);
-      await tellTrouble(description.trial, why).catch(() => {}); // the page says so in any case
-      throw new FilmTrouble(why, { cause: error });
+      const said = error instanceof Refusal && error.problem.detail ? `${error.status} ${error.problem.detail}` : why;
+      await tellTrouble(description.trial, said).catch(() => {}); // the page says so in any case
+      throw new FilmTrouble(said, { cause: error });
     } finally {
       this.current = null;
       this.#watchUntilNext();

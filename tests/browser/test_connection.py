@@ -202,14 +202,16 @@ def test_a_film_that_is_missing_after_the_first_trial_is_an_alarm(study: Study, 
         if route.request.url in shown:
             route.continue_()
         else:
-            route.fulfill(status=404, body="missing")
+            route.fulfill(
+                status=404, json={"detail": "This video is missing."}, content_type="application/problem+json"
+            )
 
     page.route("**/media/*", first_alone)
     visitor.begin(study)
     visitor.votes("1")
     visitor.sees("problem")
     (failure,) = study.read("failures")
-    assert failure["why"].startswith("404")
+    assert failure["why"] == "404 This video is missing."
 
 
 def test_a_film_that_cannot_be_shown_is_told_calmly(study: Study, page: Page, visitor: Visitor) -> None:
