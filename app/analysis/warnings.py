@@ -129,7 +129,7 @@ def _fit_warnings(comparison: Comparison) -> Iterator[str]:
     if fit.status == "separated" and len(fit.groups) > 1:
         order = " > ".join("{" + ", ".join(group) + "}" for group in fit.groups)
         yield (
-            f"no finite maximum, no vote, or only ties, went against the order {order}; "
+            f"no finite maximum: no vote, or only ties, went against the order {order}; "
             f"scores are {PENALISED.get(fit.penalty or '', fit.penalty)}"
         )
     if fit.status == "separated" and len(fit.groups) == 1:

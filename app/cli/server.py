@@ -53,7 +53,7 @@ def serve(
                 flush=True,
             )
         for study in list_studies(settings):
-            for link in study["links"] if study["state"] in ("open", "paused") else ():
+            for link in study["shared_links"] if study["state"] in ("open", "paused") else ():
                 print(f"  participants of {study['name']}: {url}{link}", flush=True)
         print(f"  experimenters: {url}/admin (sign-in link by `reconstudy admin add NAME`)", flush=True)
         if path := set_up_path(settings):

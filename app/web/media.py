@@ -107,7 +107,9 @@ def media(media: Annotated[str, Path(max_length=32)], request: Request, database
         status = path.stat()
     except FileNotFoundError as error:
         log.error("%s is missing; `reconstudy db check` names all such films, a backup with --media has them", path)
-        raise UnavailableError("This video is missing on the server. Please tell the experimenter.") from error
+        if not path.parent.is_dir():  # a folder that may come back, such as one of another machine: browsers ask again
+            raise UnavailableError("The videos are missing on the server. Please tell the experimenter.") from error
+        raise NotFoundError("This video is missing on the server.") from error
     return Film(path, headers=headers, media_type="video/mp4", stat_result=status)
 
 

@@ -17,7 +17,7 @@ export class Refusal extends Error {
     this.detail = detail;
   }
 
-  /** The problem that the server describes (RFC 9457). @returns {{standing?: "paused" | "closed"}} why a study admits nobody */
+  /** The problem that the server describes (RFC 9457). @returns {{standing?: "paused" | "closed", detail?: string}} why a study admits nobody; what it says */
   get problem() {
     try {
       return Object(JSON.parse(this.detail));

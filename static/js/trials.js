@@ -82,8 +82,9 @@ export class Trials {
     } catch (error) {
       if (error instanceof Refusal && error.status !== NOT_FOUND) throw error;
       const why = error instanceof Error && error.message ? error.message : String(error);
-      await tellTrouble(description.trial, why).catch(() => {}); // the page says so in any case
-      throw new FilmTrouble(why, { cause: error });
+      const said = error instanceof Refusal && error.problem.detail ? `${error.status} ${error.problem.detail}` : why;
+      await tellTrouble(description.trial, said).catch(() => {}); // the page says so in any case
+      throw new FilmTrouble(said, { cause: error });
     } finally {
       this.current = null;
       this.#watchUntilNext();
@@ -175,7 +176,8 @@ export class Trials {
 
   /** @param {TrialDescription} following @returns {Promise<TrialDescription>} once its film is here and the server has had its time */
   async #withoutServer(following) {
-    await Promise.all([this.#film(following.media).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
+    const film = this.#film(following.media).whole.catch(() => NEVER); // one that fails is told of when it is shown
+    await Promise.all([film, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
     return following;
   }
 

@@ -193,6 +193,27 @@ def test_the_next_films_are_in_memory_before_their_trials_begin(study: Study, pa
     assert len(set(fetched)) == 3
 
 
+def test_a_film_that_is_missing_after_the_first_trial_is_an_alarm(study: Study, page: Page, visitor: Visitor) -> None:
+    shown: list[str] = []
+
+    def first_alone(route: Route) -> None:
+        if not shown:
+            shown.append(route.request.url)
+        if route.request.url in shown:
+            route.continue_()
+        else:
+            route.fulfill(
+                status=404, json={"detail": "This video is missing."}, content_type="application/problem+json"
+            )
+
+    page.route("**/media/*", first_alone)
+    visitor.begin(study)
+    visitor.votes("1")
+    visitor.sees("problem")
+    (failure,) = study.read("failures")
+    assert failure["why"] == "404 This video is missing."
+
+
 def test_a_film_that_cannot_be_shown_is_told_calmly(study: Study, page: Page, visitor: Visitor) -> None:
     page.route("**/media/*", lambda route: route.fulfill(body=b"no film", content_type="video/mp4"))
     visitor.begin(study)

@@ -265,7 +265,8 @@ def _why_not_tested(analysis: Mapping[str, Any], scored: Sequence[Row]) -> str:
         return "a single participant voted, which says nothing about other people"
     if len(scored) > MOST_ITEMS:
         return f"{len(scored)} conditions have too many pairs"
-    return "the participants differ in too little to know how much other people would differ"
+    n = analysis["votes"]["participants"]
+    return f"{n} participants are too few, or vote too much alike, to know how much other people would differ"
 
 
 def _placed(condition: Condition, contrasts: Sequence[Row], place: str, score: str, where: str) -> str:

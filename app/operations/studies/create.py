@@ -82,7 +82,11 @@ def create_study(
             wanted = neutral_words(wanted)
         check_languages(wanted, packs)
         made = prepare_study(settings, manifest_path, wanted, exposure_s, progress)
-        notes = [*made.notes, *filter(None, [telling_names(name, made.shown.conditions), beyond_the_study(wanted)])]
+        telling = telling_names(name, made.shown.conditions)
+        notes = [
+            *made.notes,
+            *filter(None, [telling and f"{telling}: its page Settings changes both", beyond_the_study(wanted)]),
+        ]
         now = utc_now()
         row = {"slug": slug, "name": name.strip(), "state": "open", "seed": chosen_seed, "created_at": now}
         row |= {"paused_at": now if is_paused else None, **prepared_columns(made)}

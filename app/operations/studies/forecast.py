@@ -28,7 +28,7 @@ from app.settings import Settings
 from app.study.design.adaptive import adaptive_pairs, check_adaptive
 from app.study.design.balance import OrderPlan
 from app.study.design.groups import check_groups
-from app.study.options.duration import stage_minutes
+from app.study.options.duration import stage_minutes, whole_minutes
 from app.study.options.options import StudyOptions, check_minimum_viewing
 from app.study.protocols import DCR, WITH_REFERENCE
 from app.study.stages import PRACTICE
@@ -53,7 +53,7 @@ class Forecast:
     n_trials : of a participant, without practice
     n_films : files to make
     n_bytes, seconds : of these files, about; NaN where no film could be encoded to measure it
-    minutes : of a session, by stage
+    minutes : of a session, by stage, as participants are told them
     free_bytes : that the disk has
     """
 
@@ -62,7 +62,7 @@ class Forecast:
     n_films: int
     n_bytes: float
     seconds: float
-    minutes: dict[str, float]
+    minutes: dict[str, int]
     free_bytes: int
 
     @property
@@ -105,7 +105,7 @@ def forecast(
         n_films=len(files),
         n_bytes=sum(_pixels(film) * costs[codec][0] for film, codec in files),
         seconds=sum(_pixels(film) * costs[codec][1] for film, codec in files) * CHECKING / WORKERS,
-        minutes=stage_minutes(options, n_trials, exposure),
+        minutes=whole_minutes(stage_minutes(options, n_trials, exposure)),
         free_bytes=shutil.disk_usage(settings.data_dir).free,
     )
 

@@ -75,8 +75,10 @@ def list_studies(settings: Settings) -> list[dict[str, Any]]:
 
 
 def _invited(study: studies.Study, invitations: Sequence[Invitation]) -> dict[str, list[str]]:
-    codes, outside = [invitation.code for invitation in invitations], parse_options(study.options).outside
-    return {"invitations": codes, "links": [link_path(code, outside) for code in codes]}
+    outside = parse_options(study.options).outside
+    links = {each.code: link_path(each.code, outside) for each in invitations}
+    shared = [links[each.code] for each in invitations if not (each.is_for_one or each.is_used)]
+    return {"invitations": list(links), "links": list(links.values()), "shared_links": shared}
 
 
 def study_summary(study: studies.Study, progress: studies.StudyCounts) -> dict[str, Any]:

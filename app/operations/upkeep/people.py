@@ -8,12 +8,13 @@ from app.errors import ConflictError, InvalidError
 from app.operations.upkeep.erasure import erase_participant
 from app.settings import Settings
 from app.store.database.engine import Database
+from app.store.participants.exclusions import AGAIN
 from app.store.participants.interviews import keep_spoken, spoken_of
 from app.store.participants.participants import (
     check_not_erased,
     exclude,
+    exclusion_records,
     participant_labelled,
-    participant_record,
     undo_exclusion,
     withdraw_participant,
 )
@@ -27,7 +28,6 @@ from app.study.questions.questionnaire import LONGEST_ANSWER
 from app.study.screening.screening import EnteredResult, check_entered
 
 NOTHING_SHOWN: Mapping[str, str] = {}
-AGAIN = "takes part again"  # why what somebody gave before counts no more
 
 
 def exclude_person(database: Database, study: Study, label: str, reason: str, actor: Actor) -> None:
@@ -45,12 +45,22 @@ def include_person(database: Database, study: Study, label: str, actor: Actor) -
 
 
 def let_take_part_again(database: Database, study: Study, label: str, actor: Actor) -> None:
-    """Let somebody begin anew by the same link; what they gave before stays, and counts no more."""
+    """Let somebody begin anew by the same link; what they gave before stays, and counts no more.
+
+    Raises
+    ------
+    ConflictError
+        If they were let in again before: a second place would let one person count twice.
+    """
     with database.writing() as connection:
         person = participant_labelled(connection, study.id, label)
         check_not_erased(connection, person.id)
-        if not participant_record(connection, person)["excluded"]:
-            exclude(connection, person, AGAIN, actor.name, actor.now)
+        for known in exclusion_records(connection, person.id):
+            if known["undone_at"] is None and known["reason"] == AGAIN:
+                raise ConflictError(f"{label} may take part again already, by the same link.")
+            if known["undone_at"] is None:  # it stays in the history
+                undo_exclusion(connection, person, actor.name, actor.now)
+        exclude(connection, person, AGAIN, actor.name, actor.now)
         let_in_again(connection, person.id, label)
         actor.note(connection, "participant let in again", study, label)
 

@@ -8,6 +8,8 @@ from sqlalchemy import ColumnElement, Select, exists, select
 
 from app.store.database.tables import exclusion, participant, session
 
+AGAIN = "takes part again"  # why what somebody gave before counts no more
+
 
 def takes_part_in(study_id: ColumnElement[int] | int) -> ColumnElement[bool]:
     """SQL condition: the participant belongs to a study and is no preview."""

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Select, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Select, delete, exists, false, func, insert, select, update
 
 from app.store.database.keys import digest, new_code
-from app.store.database.tables import invitation, participant, session
+from app.store.database.tables import exclusion, invitation, participant, session
+from app.store.participants.exclusions import AGAIN, in_force
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Invitation:
     places : how many it lets in; None: any number; 0: previews only
     label : whom it is for, in the experimenter's words; empty: nobody in particular
     n_used : how many have begun with it
+    is_for_one : whether it is for one person, who may have got a further place to take part again
     """
 
     id: int
@@ -30,11 +32,12 @@ class Invitation:
     label: str
     created_at: datetime
     n_used: int
+    is_for_one: bool
 
     @property
     def is_named(self) -> bool:
         """Whether it has a label for one participant, which may name the person."""
-        return self.places == 1 and self.label != ""
+        return self.is_for_one and self.label != ""
 
     @property
     def is_used(self) -> bool:
@@ -111,7 +114,16 @@ def invitations_of(connection: Connection, study_id: int) -> list[Invitation]:
     return [Invitation(**row._mapping) for row in rows]
 
 
+def lets_in_one() -> ColumnElement[bool]:
+    """SQL condition: the invitation is for one person, who has a further place each time they take part again."""
+    anew = exists().where(in_force(participant.c.id), exclusion.c.reason == AGAIN).correlate(participant)
+    theirs = participant.c.invitation_id == invitation.c.id
+    n_anew = select(func.count(participant.c.id)).where(theirs, anew).correlate(invitation).scalar_subquery()
+    return (invitation.c.places > 0) & (invitation.c.places <= 1 + n_anew)
+
+
 def _invitations() -> Select[Any]:
     used = select(func.count()).where(participant.c.invitation_id == invitation.c.id).scalar_subquery()
     names = ("id", "study_id", "code", "places", "label", "created_at")
-    return select(*(invitation.c[name] for name in names), used.label("n_used"))
+    is_for_one = func.coalesce(lets_in_one(), false())
+    return select(*(invitation.c[name] for name in names), used.label("n_used"), is_for_one.label("is_for_one"))

@@ -24,6 +24,7 @@ from app.store.database.tables import (
     vote,
 )
 from app.store.participants.exclusions import in_force, is_excluded, sessions_in, takes_part_in
+from app.store.participants.invitations import lets_in_one
 from app.study.stages import ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, WITHDRAWN
 
 
@@ -325,5 +326,5 @@ def everything_of(connection: Connection, person: Person) -> dict[str, list[dict
 
 def _name_on_invitation(connection: Connection, person: Person) -> str | None:
     """Return the label of the invitation that let in a participant alone, which may name them; None without one."""
-    named = (participant.c.id == person.id, invitation.c.places == 1, invitation.c.label != "")
+    named = (participant.c.id == person.id, lets_in_one(), invitation.c.label != "")
     return connection.scalar(select(invitation.c.label).select_from(participant.join(invitation)).where(*named))

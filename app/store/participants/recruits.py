@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, func, insert, select, update
+from sqlalchemy import Connection, insert, select, update
 
 from app.store.database.keys import new_code
 from app.store.database.tables import invitation, participant, recruit, session
@@ -64,10 +64,9 @@ def let_in_again(connection: Connection, participant_id: int, label: str) -> Non
     if outside_id is not None and EARLIER not in outside_id:
         earlier = f"{outside_id[:LONGEST_ID]}{EARLIER}{label}"
         connection.execute(update(recruit).where(is_theirs).values(outside_id=earlier))
-    used = select(func.count()).where(participant.c.invitation_id == invitation.c.id).scalar_subquery()
     theirs = select(participant.c.invitation_id).where(participant.c.id == participant_id).scalar_subquery()
-    is_full = (invitation.c.id == theirs) & (invitation.c.places <= used)
-    connection.execute(update(invitation).where(is_full).values(places=used + 1))
+    this = (invitation.c.id == theirs, invitation.c.places.is_not(None))
+    connection.execute(update(invitation).where(*this).values(places=invitation.c.places + 1))
 
 
 def renew_codes(connection: Connection, study_id: int, options: OutsideOptions) -> None:

@@ -24,6 +24,7 @@ from app.store.database.tables import (
     trial,
     vote,
 )
+from app.store.participants.invitations import lets_in_one
 from app.store.participants.participants import Person, withdraw_participant
 from app.store.studies.studies import Study, all_studies, change_reach
 from app.study.options.options import parse_options
@@ -52,13 +53,13 @@ def erase(connection: Connection, person: Person, now: datetime) -> None:
     if not connection.execute(update(participant).where(*this).values(erased_at=now)).rowcount:
         raise ConflictError(f"{person.label} was erased before.")
     withdraw_participant(connection, person, now)
+    by_name = select(participant.c.invitation_id).where(participant.c.id == person.id).scalar_subquery()
+    connection.execute(update(invitation).where(invitation.c.id == by_name, lets_in_one()).values(label=""))
     _delete_words_of(connection, [person.id], KEPT_AT_ERASURE)
     _end_access(connection, [person.id])
     _take_reasons(connection, [person.id])
     sessions = select(session.c.id).where(session.c.participant_id == person.id)
     connection.execute(update(trial).where(trial.c.session_id.in_(sessions)).values(void_viewing=None))
-    by_name = select(participant.c.invitation_id).where(participant.c.id == person.id).scalar_subquery()
-    connection.execute(update(invitation).where(invitation.c.id == by_name, invitation.c.places == 1).values(label=""))
 
 
 def studies_to_forget(connection: Connection, now: datetime) -> list[Study]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 from app.study.options.options import StudyOptions
 from app.study.options.recruiting import OutsideOptions
 from app.study.screening.acuity import AcuityTest
@@ -46,6 +49,11 @@ def stage_minutes(options: StudyOptions, n_trials: int, exposure_s: float) -> di
         + SPOKEN_ANSWER_S * len(_asked_aloud(options)),
     }
     return {stage: round(seconds[stage] / 60, 2) for stage in options.way if stage in seconds}
+
+
+def whole_minutes(minutes: Mapping[str, float]) -> dict[str, int]:
+    """Return each stage's minutes as participants are told them; the sum is what they are told of all."""
+    return {stage: max(1, math.floor(n + 0.5)) for stage, n in minutes.items()}
 
 
 def trials_s(n_trials: int, exposure_s: float) -> float:

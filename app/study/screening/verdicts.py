@@ -66,8 +66,8 @@ def _acuity(row: Mapping[str, Any]) -> list[str]:
     said = [f"{_logmar(row['logmar'])}{better}"]
     if row["low"] is not None and row["high"] is not None:
         low, high = f"{row['low']:.2f}", f"{row['high']:.2f}"
-        interval = f"{low}, to two decimals," if low == high else f"from {low} to {high}"
-        said.append(f"With 95 % probability {interval} logMAR")
+        if low != high:  # alike to two decimals, as at the display's limit, they repeat the estimate
+            said.append(f"With 95 % probability from {low} to {high} logMAR")
     if row["limit"] is not None:
         said.append(f"The study's limit is {_logmar(row['limit'])}; larger is worse")
     return said

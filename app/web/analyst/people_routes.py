@@ -157,7 +157,10 @@ def enter_screening_result(
 
 @router.post(f"{BASE}/again", status_code=204, response_class=Response)
 def take_part_again(label: Label, actor: Excluder, study: AStudy, database: Store) -> Response:
-    """Let somebody begin anew by the same link, after bad luck; what they gave before stays, and counts no more."""
+    """Let somebody begin anew by the same link, after bad luck; what they gave before stays, and counts no more.
+
+    Once for each participant (then 409).
+    """
     let_take_part_again(database, study, label, actor)
     return Response(status_code=204)
 

@@ -255,6 +255,11 @@ def test_a_single_participant_says_nothing_about_other_people() -> None:
     assert not {"best", "worst", "told apart"} & set(text)
 
 
+def test_two_participants_for_three_conditions_are_said_to_be_too_few() -> None:
+    said = sentences(votes_by({"a": 1.0, "b": 0.0, "c": -1.0}, 2, seed=4))
+    assert "was not tested: 2 participants are too few, or vote too much alike, to know" in said["ranking"]
+
+
 @pytest.mark.slow
 def test_a_single_participant_on_several_datasets_gets_a_report(tmp_path: Path) -> None:
     votes = [vote | {"dataset": name} for name in ("x", "y", "z") for vote in votes_by(CLEAR, 1, seed=ord(name))]

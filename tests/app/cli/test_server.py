@@ -73,7 +73,9 @@ def test_the_links_that_a_server_shows_are_those_of_studies_that_take_people(
     command("study", "close", "done")
     (tmp_path / "paid.toml").write_text('outside.id = "PROLIFIC_PID"')
     command("study", "create", stimuli, "--name", "Paid", "--options", tmp_path / "paid.toml")
+    command("study", "invite", "under-way", "--places", "1")
     shown = command("serve").out
+    assert shown.count("participants of Under way") == 1, "one person's link is nobody else's"
     assert "participants of Under way: http://127.0.0.1:8000/s/" in shown
     assert "Done" not in shown
     paid = shown.partition("participants of Paid: ")[2].partition("\n")[0]

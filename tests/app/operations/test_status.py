@@ -188,7 +188,7 @@ def test_a_server_whose_output_is_a_log_prints_no_links(
 ) -> None:
     """The journal keeps what a server under systemd prints: links would open a session, or make an owner."""
     monkeypatch.setattr("app.main.serve", lambda *_, on_start, **__: on_start("http://127.0.0.1:8000"))
-    listed = [{"name": "Ball", "state": "open", "links": ["/s/m65rdenpqzuj"]}]
+    listed = [{"name": "Ball", "state": "open", "shared_links": ["/s/m65rdenpqzuj"]}]
     monkeypatch.setattr("app.operations.studies.manage.list_studies", lambda _: listed)
     monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path))
     monkeypatch.setenv("RECONSTUDY_LOG_FORMAT", log_format)

@@ -87,11 +87,20 @@ def test_a_film_that_is_missing_on_the_server_is_said_and_logged(
         answer = client.get(url)
     finally:
         film.with_suffix(".away").rename(film)
-    assert is_problem(answer, 503)
+    assert is_problem(answer, 404)  # which a page takes for a film that fails: an alarm, and no endless waiting
     assert "missing" in answer.json()["detail"]
     assert film.name not in answer.text  # which would tell two trials' films from each other
     assert str(film) in caplog.text
     assert client.get(url).status_code == 200
+
+
+def test_films_whose_folder_is_away_may_be_asked_for_again(client: httpx.Client, url: str, settings: Settings) -> None:
+    away = settings.media_dir.with_suffix(".away")
+    settings.media_dir.rename(away)
+    try:
+        assert is_problem(client.get(url), 503)
+    finally:
+        away.rename(settings.media_dir)
 
 
 @pytest.mark.parametrize("path", ["/media/invented", "/media/..%2fstudy.sqlite", "/media/%00"])

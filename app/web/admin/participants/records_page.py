@@ -22,6 +22,7 @@ from app.operations.upkeep.people import (
 )
 from app.store.access.experimenters import Experimenter
 from app.store.participants.comments import SoughtComments, comment_records
+from app.store.participants.exclusions import AGAIN
 from app.store.participants.participants import (
     SORTABLE,
     SoughtPeople,
@@ -198,6 +199,7 @@ def _participant_page(
             row | {"words": worded_result(row)} for row in screening_records(connection, study.id, participant.id)
         ]
         comments = comment_records(connection, study.id, SoughtComments(participant=label))
+    is_let_in_again = facts["excluded"] and facts["reason"] == AGAIN
     context = {
         "facts": facts,
         "given": given,
@@ -207,7 +209,8 @@ def _participant_page(
         "comments": comments,
         "answers": _answers(study, given),
         **_unusual(request, study),
-        "may_go_on": facts["stage"] not in ENDS,
+        "may_go_on": facts["stage"] not in ENDS and not is_let_in_again,
+        "is_let_in_again": is_let_in_again,
         "resume_code": resume_code,
     }
     return study_page(request, "participant", person, study, context)

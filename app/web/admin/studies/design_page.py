@@ -12,7 +12,7 @@ from app.operations.planning import ASSUMPTIONS, plan_on_server
 from app.store.trials.designs import conditions_of, datasets_of
 from app.store.trials.orders import most_trials, study_plan
 from app.study.design.balance import holds
-from app.study.options.duration import stage_minutes
+from app.study.options.duration import stage_minutes, whole_minutes
 from app.study.options.options import parse_options
 from app.study.planning import MOST_PARTICIPANTS, usual_spread
 from app.web.admin.layout import study_page
@@ -54,7 +54,7 @@ def design_page(
         "factors": study.factors,
         "n_trials": n_trials,
         "is_rated": plan.is_rated,
-        "minutes": round(sum(stage_minutes(options, n_trials, study.exposure_s).values())),
+        "minutes": sum(whole_minutes(stage_minutes(options, n_trials, study.exposure_s)).values()),
         "planned": plan_on_server(options.protocol, size | assumed) if "participants" in request.query_params else None,
         "asked": assumed | ({"spread": usual_spread(options.protocol)} if assumed["spread"] is None else {}),
         "most_participants": MOST_PARTICIPANTS,

@@ -77,7 +77,7 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
         invitations = [
             invitation
             for invitation in invitations_of(connection, study.id)
-            if invitation.places != 1 and not invitation.is_used  # one person's link is nobody else's
+            if not (invitation.is_for_one or invitation.is_used)  # one person's link is nobody else's
         ]
     options = parse_options(study.options)
     link = link_to(request, study, invitations[0].code) if invitations else None

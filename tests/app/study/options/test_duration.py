@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from app.study.options.duration import n_breaks, stage_minutes
+from app.study.options.duration import n_breaks, stage_minutes, whole_minutes
 from app.study.options.options import parse_options
 from app.study.options.presets import PAPER, PRESETS, read_preset
 
@@ -53,3 +53,9 @@ def test_spoken_questions_take_no_time_of_people_from_a_platform(outside: dict[s
 @pytest.mark.parametrize(("n_trials", "break_every", "expected"), [(75, 25, 2), (75, 0, 0), (29, 25, 0), (30, 25, 1)])
 def test_no_break_is_offered_shortly_before_the_end(n_trials: int, break_every: int, expected: int) -> None:
     assert n_breaks(n_trials, break_every) == expected
+
+
+def test_the_experimenter_reads_the_minutes_that_participants_are_told() -> None:
+    minutes = {"introduction": 2.2, "screening": 4.3, "practice": 0.9, "trial": 1.4, "interview": 4.2}
+    assert sum(whole_minutes(minutes).values()) == 12  # as static/js/time-left.js tells, though all of it is 13.0
+    assert whole_minutes({"introduction": 0.2, "trial": 4.5}) == {"introduction": 1, "trial": 5}

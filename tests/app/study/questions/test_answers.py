@@ -95,6 +95,11 @@ def test_a_verdict_is_told_with_acuity_and_plates() -> None:
         "Acuity: failed. 0.30 logMAR (20/40). With 95 % probability from 0.20 to 0.40 logMAR. "
         "The study's limit is 0.18 logMAR (20/30); larger is worse."
     )
+    bound = screened(verdict="passed", logmar=-0.07, low=-0.071, high=-0.07, limit=0.18, is_bound=True, details={})
+    assert worded_result(bound) == (
+        "Acuity: passed. -0.07 logMAR (20/17) or better, the display draws no smaller rings. "
+        "The study's limit is 0.18 logMAR (20/30); larger is worse."
+    )
     plates = {"plates": {"control": {"right": 1, "of": 1}, "protan": {"right": 3, "of": 6}}, "failed_axes": ["protan"]}
     assert worded_result(screened(test="colour", verdict="failed", details=plates)) == (
         "Colour vision: failed. Plates answered right: plain control 1 of 1, protan (red) 3 of 6. "

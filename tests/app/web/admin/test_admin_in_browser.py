@@ -355,3 +355,12 @@ def test_a_tasks_page_waits_for_a_server_that_starts_anew_and_then_leads_to_what
     page.wait_for_url("**/admin/account")
     page.close()
     database.dispose()
+
+
+def test_films_without_folders_are_named_on_a_telephone_within_its_width(page: Page) -> None:
+    page.goto("/admin/studies/new")
+    names = ("park_middle.mp4", "park_sharp.mp4", "street_middle.mp4", "street_sharp.mp4")
+    films = [{"name": name, "mimeType": "video/mp4", "buffer": b"film"} for name in names]
+    page.get_by_label("Choose a zip file or films").set_input_files(films)
+    expect(page.get_by_label("Condition of street_sharp.mp4")).to_have_value("sharp")
+    assert page.evaluate("document.documentElement.scrollWidth") <= TELEPHONE["width"]

@@ -119,6 +119,9 @@ def test_who_had_bad_luck_may_begin_anew_over_rest(manager: httpx.Client, lent: 
     assert manager.post(f"{person}/again").status_code == 204
     rows = {row["participant"]: row for row in manager.get(f"studies/{lent['slug']}/participants").json()}
     assert rows["P002"]["excluded"] is True
+    again = manager.post(f"{person}/again")
+    assert is_problem(again, 409)
+    assert again.json()["detail"] == "P002 may take part again already, by the same link."
 
 
 def test_comments_are_noted_and_coded_over_rest(

@@ -143,6 +143,7 @@ def test_a_name_that_tells_a_condition_is_pointed_out(settings: Settings, stimul
     assert "notes" not in create.create_study(settings, stimulus_set, f"Statues {uuid4().hex[:6]}")
     (note,) = create.create_study(settings, stimulus_set, f"ID_FA and others {uuid4().hex[:6]}")["notes"]
     assert "holds id_fa, and participants see it" in note
+    assert "its page Settings changes both" in note
 
 
 def test_a_crawler_hears_what_is_told(client: httpx.Client, crawler: Crawler, study: dict[str, Any]) -> None:

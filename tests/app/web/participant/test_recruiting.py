@@ -442,3 +442,8 @@ def test_an_invitation_for_one_lets_in_again_who_is_told_to(
         assert browser.post(address, json=body | {"key": str(uuid4())}).status_code == 410
         experimenter.act(f"/admin/studies/{study['slug']}/participants/P001/again")
         assert browser.post(address, json=body | {"key": str(uuid4())}).status_code == 201
+        page = experimenter.get(f"/admin/studies/{study['slug']}/participants/P001").text
+        assert "was let take part again by the same link, once" in page
+        assert "P001/again" not in page
+        assert "P001/resume-code" not in page
+        assert browser.post(address, json=body | {"key": str(uuid4())}).status_code == 410

@@ -53,6 +53,26 @@ def test_a_list_of_people_becomes_labelled_invitations_to_mail_and_to_print(
     assert "ada@example.org" not in experimenter.get(f"{base}/invitations.csv").text
 
 
+def test_a_link_stays_one_persons_when_they_take_part_again(
+    experimenter: Dashboard, client: httpx.Client, new_study: NewStudy
+) -> None:
+    study = new_study()
+    base = f"/admin/studies/{study['slug']}"
+    experimenter.act(f"{base}/invitations/{study['invitation']}/end")
+    experimenter.act(f"{base}/invitations/people", people="Ada Example, ada@example.org")
+    (ada,) = table(experimenter, f"{base}/invitations/invitations.csv")
+    begin(client, study["slug"], ada["code"])
+    experimenter.act(f"{base}/participants/P001/exclude", reason="restless")
+    experimenter.act(f"{base}/participants/P001/again")
+    assert f"/s/{ada['code']}" not in experimenter.get(base).text
+    assert "for one participant" in experimenter.get(f"{base}/invitations/print").text
+    assert "restless" in experimenter.get(f"{base}/participants/P001").text
+    assert "ada@example.org" in experimenter.get(f"{base}/participants/P001/export.json").text
+    begin(client, study["slug"], ada["code"])
+    experimenter.act(f"{base}/participants/P001/erase", again="P001")
+    assert "ada@example.org" not in experimenter.get(f"{base}/invitations/invitations.csv").text
+
+
 def test_the_overview_gives_nobody_the_link_of_one_person(experimenter: Dashboard, new_study: NewStudy) -> None:
     study = new_study()
     base = f"/admin/studies/{study['slug']}"

@@ -137,6 +137,21 @@ def test_a_name_that_gives_conditions_away_is_warned_of_before_and_after_it_is_g
         assert warning in eva.get(f"/admin/studies/id-fa-or-pm-fb{page}").text
 
 
+@pytest.mark.slow
+def test_a_warning_of_a_name_leads_to_where_the_name_and_then_the_address_change(eva: Dashboard) -> None:
+    name = "Id_fa and others"
+    form = eva.get(FORM).text
+    assert 'href="#setting-name"' in eva.act(f"{NEW}/draft", **typed(form, name=name)).text
+    assert 'id="setting-name"' in form
+    ends(eva, eva.act(NEW, **typed(form, name=name)).url.path)
+    study = "/admin/studies/id-fa-and-others"
+    assert f'href="{study}/edit#setting-name"' in eva.get(study).text
+    edited = eva.get(f"{study}/edit").text
+    assert 'id="setting-name"' in edited
+    hidden = {key: value_of(edited, key) for key in ("revision", "was")}
+    assert "Change it to /admin/studies/plain" in eva.act(f"{study}/edit", **hidden, name="Plain").text
+
+
 def test_a_consent_that_tells_of_stages_left_out_is_named_while_the_form_is_typed(eva: Dashboard) -> None:
     page = eva.get(f"{FORM}&preset=online").text
     told = "The consent speaks of tests of the eyes, which this study does not have"
