@@ -295,7 +295,7 @@ def _answer(
     context: dict[str, Any] = {
         "title": HEADINGS.get(status, HTTPStatus(status).phrase),
         "detail": detail,
-        "typed": refused.typed if refused else (),
+        "typed": refused.typed if refused and request.method != "GET" else (),  # an address loses nothing
     }
     if status == 401 and _is_dashboard(request):
         context |= {"asked": _asked_page(request), "is_new": not has_anybody(database(request))}

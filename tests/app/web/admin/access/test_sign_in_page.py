@@ -188,6 +188,12 @@ def test_who_signs_out_gets_the_sign_in_which_can_be_loaded_again(small_server: 
         assert ruth.get("/admin/sign-in?to=/admin/audit").status_code == 200
 
 
+def test_an_address_with_fields_that_is_refused_is_not_taken_for_a_text_that_was_lost(small_server: str) -> None:
+    with Dashboard(small_server) as stranger:
+        page = stranger.get("/admin?sort=name")
+        assert (page.status_code, "not saved" in page.text) == (401, False)
+
+
 def test_who_has_signed_in_in_another_window_comes_to_the_page_that_was_asked_for(
     server: str, settings: Settings
 ) -> None:
