@@ -349,8 +349,9 @@ def _languages_sentence(settings: Settings, languages: Mapping[str, str]) -> str
 def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:
     from app.study.design.balance import holds
 
-    yield f"Orders from the seed {report['seed']}: {'balanced' if report['ok'] else 'NOT BALANCED'}"
+    found = "balanced" if any(report["participants"].values()) else "nobody has begun"
+    yield f"Orders from the seed {report['seed']}: {found if report['ok'] else 'NOT BALANCED'}"
     yield "Participants: " + ", ".join(f"{n} {state}" for state, n in report["participants"].items())
     for rule in report["rules"]:
-        verdict = {"yes": "ok", "no": "NO"}.get(holds(rule), "not yet")
+        verdict = {"yes": "ok", "no": "NO"}.get(holds(report, rule), "not yet")
         yield f"  {verdict:<7} {rule['worst']:>4} (at most {rule['allowed']})  {rule['of']}: {rule['rule']}"

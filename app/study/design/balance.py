@@ -153,8 +153,10 @@ def balance_report(plan: OrderPlan, orders: Sequence[TakenOrder]) -> dict[str, A
     }
 
 
-def holds(rule: Mapping[str, Any]) -> str:
-    """Say of a report's rule whether it holds: "yes", "no", or "not yet" where participants have still to finish."""
+def holds(report: Mapping[str, Any], rule: Mapping[str, Any]) -> str:
+    """Say of a report's rule whether it holds: "yes", "no", or "not yet" where some have to finish, or all to begin."""
+    if not any(report["participants"].values()):
+        return "not yet"
     return "yes" if rule["ok"] else "not yet" if rule["of"] == WHO_FINISHED else "no"
 
 

@@ -225,8 +225,15 @@ def test_a_rule_of_who_finished_is_not_broken_but_not_reached_yet() -> None:
         {"rule": "spread", "of": of, "worst": 2, "allowed": 1, "ok": False}
         for of in ("who hold a slot", "who finished")
     ]
-    lines = list(_balance_lines({"seed": 1, "ok": False, "participants": {}, "rules": rules}))
-    assert [line.split()[0] for line in lines[-2:]] == ["NO", "not"]
+    report = {"seed": 1, "ok": False, "participants": {"finished": 2}, "rules": rules}
+    assert [line.split()[0] for line in list(_balance_lines(report))[-2:]] == ["NO", "not"]
+
+
+def test_nothing_is_said_to_be_balanced_before_anybody_has_begun() -> None:
+    rules = [{"rule": "spread", "of": "each", "worst": 0, "allowed": 1, "ok": True}]
+    first, *_, last = _balance_lines({"seed": 1, "ok": True, "participants": {"finished": 0}, "rules": rules})
+    assert first == "Orders from the seed 1: nobody has begun"
+    assert last.startswith("  not yet")
 
 
 @pytest.mark.slow

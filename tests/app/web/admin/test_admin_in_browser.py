@@ -259,6 +259,20 @@ def test_an_invitation_is_copied_by_its_button_and_printed_with_its_code(page: P
     expect(page).to_have_title("printed")
 
 
+def test_what_is_shown_once_is_copied_by_its_button(page: Page) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    for path, field, make in (
+        ("/admin/tokens", "Name of its user or purpose", "Make the token"),
+        ("/admin/users", "Name", "Make a sign-in link"),
+    ):
+        page.goto(path)
+        page.get_by_label(field, exact=True).last.fill(f"Of {make}")
+        page.get_by_role("button", name=make).click()
+        page.get_by_role("button", name="Copy", exact=True).click()
+        expect(page.get_by_role("button", name="Copied")).to_be_visible()
+        assert page.evaluate("navigator.clipboard.readText()") == page.locator(".made code").inner_text()
+
+
 def test_a_row_keeps_the_focus_while_its_keys_move_it_and_gives_it_on_when_deleted(
     page: Page, new_study: Callable[[], dict[str, Any]]
 ) -> None:

@@ -436,6 +436,15 @@ def test_two_films_in_one_are_told_of_only_where_there_are(
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_the_design_calls_no_orders_as_planned_before_anybody_has_begun(
+    experimenter: Dashboard, new_study: NewStudy
+) -> None:
+    page = experimenter.get(f"/admin/studies/{new_study()['slug']}/design").text
+    assert "nobody has begun" in page
+    assert "as planned" not in page
+
+
 def test_the_design_tells_balance_duration_and_power(experimenter: Dashboard, taken: dict[str, Any]) -> None:
     page = experimenter.design(f"/admin/studies/{taken['slug']}/design", participants=6, effect=1)
     assert "as planned" in page

@@ -1,4 +1,4 @@
-// Copies an invitation's link, and prints the sheet of invitations. The buttons are hidden where there are no scripts.
+// Copies a link or a token, and prints the sheet of invitations. The buttons are hidden where there are no scripts.
 
 const SHOWN_MS = 2000;
 
@@ -18,7 +18,7 @@ if (printButton) {
 }
 
 /**
- * Copies a text. Without https a browser has no clipboard: then the link is marked, to be copied by the keyboard.
+ * Copies a text. Without https a browser has no clipboard: then the text is marked, to be copied by the keyboard.
  * @param {string} text
  */
 async function copy(text) {
@@ -26,8 +26,8 @@ async function copy(text) {
     await navigator.clipboard.writeText(text);
     return true;
   } catch {
-    const link = [...document.querySelectorAll("a.code")].find((each) => each.getAttribute("href") === text);
-    if (link) getSelection()?.selectAllChildren(link);
+    const shown = [...document.querySelectorAll("a.code, .made code")].find((each) => each.textContent === text);
+    if (shown) getSelection()?.selectAllChildren(shown);
     return false;
   }
 }
