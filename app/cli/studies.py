@@ -349,8 +349,8 @@ def _languages_sentence(settings: Settings, languages: Mapping[str, str]) -> str
 def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:
     from app.study.design.balance import holds
 
-    found = "balanced" if any(report["participants"].values()) else "nobody has begun"
-    yield f"Orders from the seed {report['seed']}: {found if report['ok'] else 'NOT BALANCED'}"
+    standing = "balanced" if any(report["participants"].values()) else "nobody has begun"
+    yield f"Orders from the seed {report['seed']}: {standing if report['ok'] else 'NOT BALANCED'}"
     yield "Participants: " + ", ".join(f"{n} {state}" for state, n in report["participants"].items())
     for rule in report["rules"]:
         verdict = {"yes": "ok", "no": "NO"}.get(holds(report, rule), "not yet")

@@ -30,7 +30,7 @@ ADAPTIVE = (  # bench/sentences.py
     "Pairs were chosen from the votes so far, which makes intervals a little too narrow: in simulations of {} people "
     "without any difference, 95 % intervals hold in {}, and some pair is said to differ in {} of studies, not 5 %."
 )
-CAUTIOUS = "That is cautious: with 8 simulated people and no difference, some pair is said to differ in 2 to 5 %. "
+CAUTIOUS = "That is cautious: with 8 simulated people, some pair is said to differ in 2 to 5 % of studies without one. "
 MANY_ADAPTIVE = 60  # people, from which on intervals and tests hold nearly what they say
 UNSEEN_VOTES = 75  # of a person, in bench/verdicts.py
 UNSEEN = (
