@@ -121,14 +121,12 @@ def _read_section(
 
 def _buckets(section: _Section, sizes: NDArray[np.uint32]) -> NDArray[np.int64]:
     """Return the bucket (N,) of each splat: full ones first, then those that are filled in part."""
+    if section.n_full + section.n_partial > section.n_buckets:
+        raise ValueError(f"it fills {section.n_full + section.n_partial} buckets of {section.n_buckets}")
     counts = np.concatenate([np.full(section.n_full, section.capacity, np.int64), sizes.astype(np.int64)])
-    if (
-        len(counts) > section.n_buckets
-        or counts.sum() < section.n_splats
-        or counts.sum() > section.n_reserved + section.capacity
-    ):
+    if not section.n_splats <= counts.sum() <= section.n_reserved + section.capacity:
         raise ValueError(f"its buckets hold {counts.sum()} splats, expected {section.n_splats}")
-    return np.repeat(np.arange(len(counts)), counts)[: section.n_splats]
+    return np.searchsorted(np.cumsum(counts), np.arange(section.n_splats), side="right")
 
 
 def _fill_rest(

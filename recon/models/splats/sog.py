@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from recon.models.splats.raw import N_RESTS, RawSplats, check_count, scales_of, 
 META = "meta.json"
 LARGEST_PICTURE = 256 * 2**20  # bytes of a compressed picture
 PALETTE_COLUMNS = 64  # entries of the palette of harmonics in a row of its picture
+DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)  # RuntimeError: encrypted, or packed in another way
 LARGEST_IS_W = 252  # alpha of a quaternion whose w is the largest; x, y and z follow
 
 
@@ -68,7 +70,7 @@ def read_sog(path: Path) -> RawSplats:
     try:
         with zipfile.ZipFile(path) as bundle:
             return _splats(_Bundle(bundle))
-    except zipfile.BadZipFile as error:
+    except DAMAGED as error:
         raise ValueError(f"it is not readable as a ZIP file: {error}") from error
     except (KeyError, TypeError, IndexError, OverflowError) as error:
         raise ValueError(f"its {META} or a picture that it names is incomplete: {error}") from error

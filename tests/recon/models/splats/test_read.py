@@ -6,6 +6,7 @@ import gzip
 import io
 import json
 import struct
+import tracemalloc
 import zipfile
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from recon.geometry.splats import Splats
 from recon.models import read_splats
+from recon.models.splats.ksplat import HEADER
 from recon.models.splats.raw import MOST_SPLATS
 from recon.models.splats.read import SPLAT_READERS, holds_splats, read_with_warnings
 
@@ -139,15 +141,37 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path: Path, name: str, share: flo
         read_splats(cut)
 
 
-@pytest.mark.parametrize("name", FORMS)
+def zipped_by_hand(tmp_path: Path) -> bytes:
+    """A SOG whose files are packed, as programs for archives do; those that write SOG store them as they are."""
+    path = tmp_path / "by_hand.sog"
+    with zipfile.ZipFile(FILES / "few.sog") as known, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name in known.namelist():
+            packed.writestr(name, known.read(name))
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("name", [*FORMS, "by_hand.sog"])
 def test_damaged_files_are_read_or_refused_in_words(tmp_path: Path, name: str) -> None:
-    content = np.frombuffer((FILES / name).read_bytes(), np.uint8)
+    content = np.frombuffer(zipped_by_hand(tmp_path) if name not in FORMS else (FILES / name).read_bytes(), np.uint8)
     rng = np.random.default_rng(1)
     for number in range(30):
         damaged = content.copy()
         damaged[rng.integers(0, min(len(content), 600 if number % 2 else len(content)), 4)] = rng.integers(0, 256, 4)
         with suppress(ValueError):  # anything else would be a fault of ours
             read_splats(written(tmp_path, damaged.tobytes(), name))
+
+
+@pytest.mark.parametrize("numbers", [{32: 1_600_000_000}, {4: 4_000_000_000, 8: 4_000_000_000}])  # full; room, each
+def test_buckets_that_no_machine_could_hold_take_no_memory(tmp_path: Path, numbers: dict[int, int]) -> None:
+    content = bytearray((FILES / "few_level1.ksplat").read_bytes())
+    for place, number in numbers.items():
+        struct.pack_into("<I", content, HEADER + place, number)
+    tracemalloc.start()
+    with suppress(ValueError):
+        read_splats(written(tmp_path, bytes(content), "few.ksplat"))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 10_000_000
 
 
 def test_a_count_that_no_machine_could_hold_is_refused_before_memory_is_asked_for(tmp_path: Path) -> None:
