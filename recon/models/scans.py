@@ -6,6 +6,8 @@ file with an empty cloud.
 
 from __future__ import annotations
 
+import re
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,10 +19,21 @@ from recon.models.part import NEUTRAL, Contents, cloud_part, colours_from
 from recon.runtime.backend import open3d
 
 HEADER_BYTES = 4096
-PCD_KEYS = ("FIELDS", "SIZE", "COUNT", "POINTS", "DATA")
+PCD_KEYS = ("FIELDS", "SIZE", "TYPE", "COUNT", "POINTS", "DATA")
+NUMBER = re.compile("[1-9][0-9]{0,15}")
+PCD_VALUES = {  # what Open3D believes, and would read memory by
+    "SIZE": re.compile("[1248]"),
+    "TYPE": re.compile("[FUI]"),
+    "COUNT": re.compile("[1-9][0-9]{0,3}"),
+    "WIDTH": NUMBER,
+    "HEIGHT": NUMBER,
+    "POINTS": NUMBER,
+    "DATA": re.compile("ascii|binary|binary_compressed"),
+}
 SHORTEST_LINE = 6  # bytes of a point as text
 MOST_PACKED = 264  # times that LZF can shrink
 LAS_HEADER, SHORTEST_RECORD = 375, 54  # bytes
+UNREADABLE = (RuntimeError, ValueError, LookupError, TypeError, OverflowError, EOFError, MemoryError, struct.error)
 POINTS_A_BYTE = 8  # of LAZ and E57 at their best, far beyond that of any scan
 
 
@@ -57,13 +70,21 @@ def _announced_pcd(path: Path) -> int:
         keyword, *words = line.decode("ascii", "replace").split() or [""]
         header[keyword] = words
     header.setdefault("COUNT", ["1"] * len(header.get("FIELDS", ())))
+    header.setdefault("WIDTH", header.get("POINTS", []))
+    header.setdefault("HEIGHT", ["1"])
     if any(key not in header for key in PCD_KEYS) or not {"x", "y", "z"} <= {*header["FIELDS"]}:
         raise ValueError(f"is no PCD of points: its header lacks {', '.join(PCD_KEYS)}, or x, y, z among its fields")
+    for key, expected in PCD_VALUES.items():
+        n = len(header["FIELDS"]) if key in ("SIZE", "TYPE", "COUNT") else 1
+        if len(header[key]) != n or not all(map(expected.fullmatch, header[key])):
+            raise ValueError(f"its header has {key} {' '.join(header[key])[:80]}, expected {n} of {expected.pattern}")
     n_points, body = int(header["POINTS"][0]), path.stat().st_size - place
+    if int(header["WIDTH"][0]) * int(header["HEIGHT"][0]) != n_points:
+        raise ValueError(f"announces {n_points} points, but its WIDTH and HEIGHT do not")
     stride = sum(int(size) * int(count) for size, count in zip(header["SIZE"], header["COUNT"], strict=True))
     kind = header["DATA"][0]
     needed = {"ascii": n_points * SHORTEST_LINE, "binary": n_points * stride}.get(kind, n_points * stride / MOST_PACKED)
-    if n_points < 0 or needed > body + 1:
+    if needed > body + 1:
         raise ValueError(f"announces {n_points} points, more than its {body} bytes of data can hold; is it cut off?")
     return n_points
 
@@ -87,7 +108,7 @@ def read_las_model(path: Path) -> Contents:
         points = np.column_stack([las.x, las.y, las.z]).astype(np.float64)
         has_colours = {"red", "green", "blue"} <= {*las.point_format.dimension_names}
         values = np.column_stack([las.red, las.green, las.blue]) if has_colours else np.zeros((0, 3))
-    except (laspy.LaspyException, RuntimeError, ValueError, OverflowError, EOFError, MemoryError) as error:
+    except (laspy.LaspyException, *UNREADABLE) as error:
         raise ValueError(f"is not readable as LAS: {error}") from error
     return _cloud(path, points, None, colours_from(values) if values.any() else None)
 
@@ -131,7 +152,7 @@ def read_e57_model(path: Path) -> Contents:
         numbers = range(file.scan_count)
         _check_announced(path, sum(file.get_header(number).point_count for number in numbers))
         scans = [file.read_scan(number, colors=True, ignore_missing_fields=True) for number in numbers]
-    except (RuntimeError, ValueError, KeyError, TypeError, pye57.libe57.E57Exception, MemoryError) as error:
+    except (pye57.libe57.E57Exception, *UNREADABLE) as error:
         raise ValueError(f"is not readable as E57: {error}") from error
     if not scans:
         raise ValueError("holds no scan")

@@ -59,6 +59,10 @@ def test_points_that_a_depth_camera_did_not_see_are_left_out_and_counted(tmp_pat
         ("a.pcd", HEADER.format(n=3, kind="binary_compressed") + "x" * 24, "announces 3 points, 0 could be read"),
         ("a.pcd", HEADER.format(n=3, kind="ascii") + "0 0 0\n", "announces 3 points, more than its 6 bytes"),
         ("a.pcd", HEADER.replace(" z", "").format(n=3, kind="ascii"), "is no PCD of points"),
+        ("a.pcd", HEADER.replace("COUNT 1", "COUNT -1").format(n=3, kind="ascii"), "its header has COUNT -1 1 1"),
+        ("a.pcd", HEADER.replace("SIZE 4", "SIZE 3").format(n=3, kind="ascii"), "its header has SIZE 3 4 4"),
+        ("a.pcd", HEADER.replace("HEIGHT 1", "HEIGHT 2").format(n=3, kind="ascii"), "but its WIDTH and HEIGHT do not"),
+        ("a.pcd", HEADER.format(n="", kind="ascii"), "its header has .* , expected 1 of"),
         ("a.pcd", "no header", "is no PCD: its header has no line DATA"),
     ],
 )
@@ -68,6 +72,18 @@ def test_a_damaged_pcd_is_named_before_its_size_is_believed(
     (tmp_path / name).write_text(content)
     with pytest.raises(ValueError, match=sentence):
         read_contents(tmp_path / name)
+
+
+def test_a_las_whose_header_ends_before_what_its_version_has_is_refused(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    las = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
+    las.x, las.y, las.z = POINTS[:3].T.astype(float)
+    las.write(tmp_path / "a.las")
+    content = bytearray((tmp_path / "a.las").read_bytes())
+    content[25] = 107  # the minor version
+    (tmp_path / "a.las").write_bytes(content)
+    with pytest.raises(ValueError, match=r"a\.las: is not readable as LAS"):
+        read_contents(tmp_path / "a.las")
 
 
 @pytest.mark.parametrize("name", ["a.las", "a.laz"])
