@@ -58,7 +58,11 @@ def stereo_sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int], un
         raise CaptureError(f"{entry['']}: has distortion of one camera only, expected D1 and D2")
     with faults_at(f"{entry['']}: sensor {name}"):
         told = _size(entry) or size
-        rotation = matrices["R"] if matrices["R"].shape == (3, 3) else cv2.Rodrigues(matrices["R"])[0]
+        rotation = matrices["R"]
+        if rotation.shape != (3, 3):
+            if rotation.size != 3:
+                raise ValueError(f"R has the shape {rotation.shape}, expected (3, 3), or an axis times an angle, (3,)")
+            rotation = cv2.Rodrigues(rotation.ravel())[0]
         right_from_left = rigid(rotation, matrices["T"].ravel() * unit_mm)
         pose = np.asarray(entry.get("cam_from_world", CAMERA_FROM_WORLD), dtype=np.float64).copy()
         pose[:3, 3] *= unit_mm

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from recon.capture.format import CaptureError, read_frame
+from recon.capture.importing.calibrations.stereo_entry import stereo_sensor
 from recon.capture.importing.formats import find_format
 from recon.capture.importing.opencv import import_opencv, write_calibration
 from recon.geometry.rig import Rig
@@ -98,6 +99,14 @@ def test_a_matrix_whose_size_is_wrong_is_refused(tmp_path: Path, old: str, new: 
     (tmp_path / "c.yml").write_text(text.replace(old, new, 1))
     with pytest.raises(CaptureError, match=rf"c\.yml: .*({sentence})"):
         import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+
+
+def test_a_rotation_of_another_shape_is_named_in_words() -> None:
+    lens = np.diag([400.0, 400.0, 1.0])
+    entry = {"": Path("c.yml"), "K1": lens, "K2": lens, "R": [[1.0, 0.0], [0.0, 1.0]], "T": [0.1, 0, 0]}
+    with pytest.raises(CaptureError, match=r"^c\.yml: sensor S1: R has the shape \(2, 2\), expected \(3, 3\), or"):
+        stereo_sensor("S1", entry, (640, 480), 1.0)
+    assert stereo_sensor("S1", {**entry, "R": [[0.0, 0.0, 0.0]]}, (640, 480), 1.0).id == "S1"
 
 
 def test_distortion_of_one_camera_alone_is_asked_about(tmp_path: Path) -> None:
