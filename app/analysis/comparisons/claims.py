@@ -108,6 +108,11 @@ MADE: Mapping[Claim, tuple[Callable[[int, float], Array], Made]] = {  # the true
 }
 
 
+def is_untested(plan: PlannedStudy, claim: Claim) -> bool:
+    """Is a claim never made of a study, whose datasets are too few for its test?"""
+    return claim == "datasets" and plan.datasets < FEWEST_DATASETS
+
+
 def claim_power(plan: PlannedStudy, claim: Claim, effect: float, seed: int, replicates: int) -> float:
     """Return the share of simulated studies in which a claim is made.
 
@@ -121,7 +126,7 @@ def claim_power(plan: PlannedStudy, claim: Claim, effect: float, seed: int, repl
     replicates : simulated studies
     """
     scores_of, is_made = MADE[claim]
-    if is_made is _over_datasets and plan.datasets < FEWEST_DATASETS:
+    if is_untested(plan, claim):
         return 0.0
     rng = np.random.default_rng(seed)
     size = max(1, TOGETHER // (plan.participants * plan.datasets * plan.trials))

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.comparisons.claims import claim_power
+from app.analysis.comparisons.claims import claim_power, is_untested
+from app.analysis.comparisons.datasets_sample import FEWEST_DATASETS
 from app.analysis.comparisons.study_plan import PlannedStudy
 from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
@@ -117,7 +118,10 @@ def claim_rows(plan: PlannedStudy, effect: float, seed: int, replicates: int) ->
     for claim, what in CLAIMS.items():
         share = claim_power(plan, claim, effect, seed, replicates)
         error = float(np.sqrt(max(share * (1 - share), 0.25 / replicates) / replicates))
-        rows.append({"claim": claim, "what": what, "power": share, "power_error": error})
+        row: dict[str, Any] = {"claim": claim, "what": what, "power": share, "power_error": error}
+        if is_untested(plan, claim):
+            row |= {"what": f"{what} (takes {FEWEST_DATASETS} datasets)", "power_error": 0.0}
+        rows.append(row)
     return rows
 
 

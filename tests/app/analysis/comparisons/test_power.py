@@ -11,6 +11,7 @@ from app.analysis.comparisons.claims import claim_power, pair_directions
 from app.analysis.comparisons.comparison import compare
 from app.analysis.comparisons.datasets_sample import pair_p_values
 from app.analysis.comparisons.power import (
+    claim_rows,
     clickers_named,
     detectable,
     participants_wanted,
@@ -150,6 +151,13 @@ def test_the_number_of_participants_comes_with_the_error_of_its_simulation() -> 
     assert wanted["low"] <= wanted["participants"] <= wanted["high"]
     assert power(replace(plan, participants=wanted["participants"]), 0.8, 1, 200, claim="pair") >= 0.8
     assert participants_wanted(replace(plan, spread=8.0), 0.05, 1, 50) is None
+
+
+def test_a_claim_that_so_few_datasets_never_allow_says_so() -> None:
+    *_, of_two = claim_rows(StudyPlan(3, 2, 8), 1.0, 1, 20)
+    *_, of_three = claim_rows(StudyPlan(3, 3, 8), 1.0, 1, 20)
+    assert (of_two["power"], of_two["power_error"]) == (0, 0)
+    assert of_two["what"] == f"{of_three['what']} (takes 3 datasets)"
 
 
 def test_an_unknown_claim_is_refused() -> None:
