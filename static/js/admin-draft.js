@@ -10,8 +10,9 @@ const plan = byId("plan");
 let waiting = 0;
 let [n_sent, isChanged] = [0, false];
 
-const way = () => /** @type {HTMLInputElement | null} */ (form.querySelector("[name=way]:checked"))?.value;
-const rendered = way();
+const wayOf = (/** @type {string} */ which) => /** @type {HTMLInputElement | null} */ (form.querySelector(`[name=way]${which}`))?.value;
+const way = () => wayOf(":checked");
+const rendered = wayOf("[checked]"); // by the server; another may have been chosen before this script was there
 const answers = /** @type {HTMLFieldSetElement[]} */ ([...form.querySelectorAll("[data-way]")]);
 
 /** Lets only the chosen platform's answers be asked for. */
@@ -37,6 +38,7 @@ plan.addEventListener("change", (event) => {
   }
   form.dispatchEvent(new Event("input"));
 });
+if (way() !== rendered) form.dispatchEvent(new Event("input"));
 addEventListener("pagehide", () => isChanged && keep());
 form.addEventListener("submit", () => {
   clearTimeout(waiting);

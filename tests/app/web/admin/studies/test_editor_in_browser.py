@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Dialog, expect
+from playwright.sync_api import Browser, Dialog, Route, expect
 
 from app.operations.studies import manage
 from app.operations.studies.create import read_options
@@ -48,6 +48,21 @@ def test_a_page_whose_text_is_not_saved_asks_before_it_is_left(
     page.get_by_role("link", name="Overview").click()
     expect(page.get_by_role("button", name="Save", exact=True)).to_be_visible()
     assert asked == ["beforeunload"] * 2
+    page.close()
+
+
+def test_a_way_that_is_chosen_before_the_pages_script_is_there_counts(
+    browser: Browser, own_server: str, own: Settings
+) -> None:
+    page = browser.new_page(base_url=own_server)
+    sign_in(page, own)
+    late: list[Route] = []
+    page.route("**/admin-draft.js", lambda route: late.append(route))
+    page.goto("/admin/studies/new?stimulus_set=tiny", wait_until="commit")
+    page.get_by_role("radio", name="Prolific").check()
+    expect(page.locator("[name=platform]")).to_have_value("")
+    late[0].continue_()
+    expect(page.locator("[name=platform]")).to_have_value("prolific")
     page.close()
 
 
