@@ -10,12 +10,16 @@ import re
 import secrets
 import shutil
 import socket
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 FULL = 2**16  # bytes; with less left on the disk, that is why writing failed
+# What reading a damaged zip file raises; a RuntimeError, that a part is encrypted or packed in an unknown way.
+DAMAGED_ZIP = (BadZipFile, zlib.error, EOFError, RuntimeError)
 LONGEST_HOST = 20  # letters of a host's name in that of a file, which has 255 bytes at most
 
 

@@ -347,9 +347,9 @@ def _languages_sentence(settings: Settings, languages: Mapping[str, str]) -> str
 
 
 def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:
-    from app.study.design.balance import holds
+    from app.study.design.balance import has_begun, holds
 
-    standing = "balanced" if any(report["participants"].values()) else "nobody has begun"
+    standing = "balanced" if has_begun(report) else "nobody has begun"
     yield f"Orders from the seed {report['seed']}: {standing if report['ok'] else 'NOT BALANCED'}"
     yield "Participants: " + ", ".join(f"{n} {state}" for state, n in report["participants"].items())
     for rule in report["rules"]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shutil
 import zipfile
-import zlib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import IO
 
 from app.errors import InvalidError, TooLargeError
 from app.files import LARGEST_JSON, is_plain_name
+from ground.files import DAMAGED_ZIP
 
 MB = 1024 * 1024
 MOST_FILES = 2000  # in an upload of results or films
@@ -19,8 +19,7 @@ MOST_RATIO = 200  # unpacked to packed; films and models hardly compress
 PACKED_BY = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others may ask for gigabytes to unpack a byte
 LARGEST: Mapping[str, int] = {".json": LARGEST_JSON}  # bytes of a file by its suffix; others share the upload's limit
 LEFT_OUT = ("__MACOSX", "Thumbs.db", "desktop.ini")  # what desktops add to folders, besides hidden files
-# A RuntimeError says that it is encrypted or packed in an unknown way, the last one that a name is not in UTF-8.
-DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, UnicodeDecodeError)
+DAMAGED = (*DAMAGED_ZIP, UnicodeDecodeError)  # the last where a name is not in UTF-8
 BEGINNINGS: Mapping[str, tuple[bytes, ...]] = {  # how files begin whose content is shown or decoded
     ".png": (b"\x89PNG\r\n\x1a\n",),
     ".jpg": (b"\xff\xd8\xff",),

@@ -294,14 +294,15 @@ def _run_stage(
     Progress counts their work. What was finished before took no time, and would make the time that is left too short.
     """
     started = time.perf_counter()
-    made, total = 0, sum(tasks.values())
+    made, whole = 0, sum(tasks.values())
+    total = whole
     progress(stage, made, total)
     for names, work in pool.run([partial(_with_work, *each) for each in tasks.items()]):
         for name in names:
             warnings = artefacts.warnings([name])
             log(artefacts.folder, {"time": time.time(), "made": name} | ({"warnings": warnings} if warnings else {}))
         made, total = (made + work, total) if names else (made, total - work)
-        progress(stage, *((made, total) if total else 2 * (sum(tasks.values()),)))
+        progress(stage, *((made, total) if total else (whole, whole)))
     store_log(artefacts.folder)
     return time.perf_counter() - started
 

@@ -77,7 +77,7 @@ def list_studies(settings: Settings) -> list[dict[str, Any]]:
 def _invited(study: studies.Study, invitations: Sequence[Invitation]) -> dict[str, list[str]]:
     outside = parse_options(study.options).outside
     links = {each.code: link_path(each.code, outside) for each in invitations}
-    shared = [links[each.code] for each in invitations if not (each.is_for_one or each.is_used)]
+    shared = [links[each.code] for each in invitations if each.is_shared]
     return {"invitations": list(links), "links": list(links.values()), "shared_links": shared}
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import zlib
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -24,9 +23,9 @@ from app.store.studies.attached_models import model_digests
 from app.store.studies.attached_reports import report_digests
 from app.store.trials.backup import FACTS, faults_of, holds_nothing, read_tables, refuse_what_is_held, write_tables
 from app.store.trials.designs import film_files
+from ground.files import DAMAGED_ZIP
 
 MEDIA = "media/"
-DAMAGED = (BadZipFile, zlib.error, EOFError, RuntimeError)  # RuntimeError: bits say that an entry is encrypted
 ATTACHED = re.compile(r"reports/[0-9a-f]{64}/([^/]+)|models/[0-9a-f]{64}\.ply")  # in the data folder
 
 
@@ -167,7 +166,7 @@ def _restore(settings: Settings, path: Path, content: IO[bytes], *, replace: boo
                     files.close()
 
                 tables = read_tables(database, archive, replace=replace, before_commit=finish)
-        except DAMAGED as error:
+        except DAMAGED_ZIP as error:
             raise ValueError(f"{path}: is damaged: {error}") from error
         database.shred_deleted()
         films = {} if settings.media_url else _films(database)

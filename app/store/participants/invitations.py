@@ -40,6 +40,11 @@ class Invitation:
         return self.is_for_one and self.label != ""
 
     @property
+    def is_shared(self) -> bool:
+        """Whether its link lets in whoever gets it; one person's is nobody else's."""
+        return not (self.is_for_one or self.is_used)
+
+    @property
     def is_used(self) -> bool:
         return not self.has_places(1)
 

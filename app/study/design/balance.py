@@ -153,9 +153,14 @@ def balance_report(plan: OrderPlan, orders: Sequence[TakenOrder]) -> dict[str, A
     }
 
 
+def has_begun(report: Mapping[str, Any]) -> bool:
+    """Say of a report whether anybody has begun, so that there are orders to check."""
+    return any(report["participants"].values())
+
+
 def holds(report: Mapping[str, Any], rule: Mapping[str, Any]) -> str:
     """Say of a report's rule whether it holds: "yes", "no", or "not yet" where some have to finish, or all to begin."""
-    if not any(report["participants"].values()):
+    if not has_begun(report):
         return "not yet"
     return "yes" if rule["ok"] else "not yet" if rule["of"] == WHO_FINISHED else "no"
 

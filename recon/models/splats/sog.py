@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,12 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ground.files import DAMAGED_ZIP
 from recon.models.splats.raw import N_RESTS, RawSplats, check_count, scales_of, sigmoid, smallest_three
 
 META = "meta.json"
 LARGEST_PICTURE = 256 * 2**20  # bytes of a compressed picture
 PALETTE_COLUMNS = 64  # entries of the palette of harmonics in a row of its picture
-DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)  # RuntimeError: encrypted, or packed in another way
 LARGEST_IS_W = 252  # alpha of a quaternion whose w is the largest; x, y and z follow
 
 
@@ -70,7 +69,7 @@ def read_sog(path: Path) -> RawSplats:
     try:
         with zipfile.ZipFile(path) as bundle:
             return _splats(_Bundle(bundle))
-    except DAMAGED as error:
+    except DAMAGED_ZIP as error:
         raise ValueError(f"it is not readable as a ZIP file: {error}") from error
     except (KeyError, TypeError, IndexError, OverflowError) as error:
         raise ValueError(f"its {META} or a picture that it names is incomplete: {error}") from error

@@ -11,7 +11,7 @@ from app.operations.commands import Plan
 from app.operations.planning import ASSUMPTIONS, plan_on_server
 from app.store.trials.designs import conditions_of, datasets_of
 from app.store.trials.orders import most_trials, study_plan
-from app.study.design.balance import holds
+from app.study.design.balance import has_begun, holds
 from app.study.options.duration import stage_minutes, whole_minutes
 from app.study.options.options import parse_options
 from app.study.planning import MOST_PARTICIPANTS, usual_spread
@@ -48,6 +48,7 @@ def design_page(
     fields = [field for name, field in ASSUMPTIONS.items() if name != (OF_VOTES if plan.is_rated else OF_RATINGS)]
     context = {
         "report": report,
+        "has_begun": has_begun,
         "holds": holds,
         "pairs": listed(request, report["pairs"] if report else [], PAIR_COLUMNS, prefix="pairs_"),
         "conditions": conditions,

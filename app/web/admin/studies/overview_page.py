@@ -74,11 +74,7 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
     with database(request).reading() as connection:
         compared = datasets_of(connection, study.id)
         telling = telling_names(study.name, list(conditions_of(connection, study.id)))
-        invitations = [
-            invitation
-            for invitation in invitations_of(connection, study.id)
-            if not (invitation.is_for_one or invitation.is_used)  # one person's link is nobody else's
-        ]
+        invitations = [each for each in invitations_of(connection, study.id) if each.is_shared]
     options = parse_options(study.options)
     link = link_to(request, study, invitations[0].code) if invitations else None
     practised = [films for films in options.practice_pairs if films.dataset in compared]
