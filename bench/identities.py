@@ -44,8 +44,7 @@ from app.main import create_app, running_server
 from app.operations.studies import create, manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
-from app.store.access.experimenters import Role
-from app.store.access.tokens import READING, SCOPES
+from app.store.access.rights import READING, SCOPES, Role
 from app.study.options.options import parse_options
 from tests.app import tiny_stimuli
 from tests.app.web.admin.dashboard_client import Dashboard

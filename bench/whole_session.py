@@ -34,8 +34,8 @@ from app.operations.studies.manage import add_token
 from app.settings import Settings
 from app.simulation.observer import Observer, gap_of_ring
 from app.simulation.participants import Preference
+from app.study.kinds import PAPER, PRESETS
 from app.study.options.options import StudyOptions
-from app.study.options.presets import PAPER, PRESETS
 from app.study.screening.pictures import MARGIN
 
 sys.path.insert(0, str(Path(__file__).parents[1]))

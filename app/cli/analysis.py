@@ -7,16 +7,17 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from click import Choice
 
 from app.cli.shared import by_step, server_settings
 from app.files import read_json
-from app.operations.commands import Analyse
+from app.operations.commands.analysis import Analyse
+from app.operations.commands.studies import Simulate
 from recon.cli.commands.setting import settings_of
-from recon.cli.console import JsonOption, ProgressLine, counted, print_result
+from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 from recon.cli.options import wrong_use
 
@@ -29,21 +30,8 @@ app = typer.Typer()
 
 
 @app.command()
-def simulate(
-    study: Annotated[str, typer.Option(help="The study's short name, as `study list` shows it.")],
-    url: Annotated[str | None, typer.Option(help="A running server of this database; default: start one.")] = None,
-    participants: Annotated[int, typer.Option(min=1, help="How many simulated participants take the study.")] = 22,
-    abilities: Annotated[
-        Path | None,
-        typer.Option(
-            help="JSON file: {condition or dataset/condition: ability in natural log-odds}; default: in the order of "
-            "the films' measured likeness to the truth, or else the paper's."
-        ),
-    ] = None,
-    tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the choices.")] = 1,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Simulate)
+def simulate(asked: Simulate, *, as_json: bool) -> None:
     """Let artificial participants of known preference take the whole study over HTTP."""
     with ProgressLine():  # what is loaded takes seconds
         from app.experiment.study import fetched
@@ -52,18 +40,17 @@ def simulate(
         from app.simulation.participants import simulate_study
 
     settings = server_settings()
-    known = None if abilities is None else _read_abilities(abilities)
-    with ProgressLine() as progress, nullcontext(url) if url else running_server(settings) as base_url:
-        result = simulate_study(
-            settings, base_url, study, participants, known, tie_rate, seed, progress=by_step(progress)
-        )
+    known = None if asked.abilities is None else _read_abilities(asked.abilities)
+    with ProgressLine() as progress, nullcontext(asked.url) if asked.url else running_server(settings) as base_url:
+        people = (asked.study, asked.participants, known, asked.tie_rate, asked.seed)
+        result = simulate_study(settings, base_url, *people, progress=by_step(progress))
         progress.say("Analysing the votes.")
-        scores = came_out(fetched(settings, base_url, study, ("analysis",))["analysis"])
+        scores = came_out(fetched(settings, base_url, asked.study, ("analysis",))["analysis"])
     put_in = result["put_in"]
     result |= {"came_out": scores, "came_back": came_back(put_in, scores)}
     sentences = (
-        f"{counted(participants, 'simulated participant')} gave {counted(result['votes'], 'answer')}.",
-        put_in_sentence(put_in, result["order"] if known is None else f"as {abilities} says"),
+        f"{counted(asked.participants, 'simulated participant')} gave {counted(result['votes'], 'answer')}.",
+        put_in_sentence(put_in, result["order"] if known is None else f"as {asked.abilities} says"),
         came_out_sentence(put_in, scores),
     )
     print_result(result, "\n".join(sentences), as_json=as_json)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
 from app.cli.shared import server_settings
+from app.operations.commands.studies import LanguagesCheck
 from recon.cli.console import JsonOption, print_result
+from recon.cli.flags import with_settings
 
 app = typer.Typer()
 languages_app = typer.Typer(
@@ -51,14 +50,12 @@ def languages_list(context: typer.Context, as_json: JsonOption = False) -> None:
 
 
 @languages_app.command("check")
-def languages_check(
-    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Language packs, such as fr.json.")],
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(LanguagesCheck)
+def languages_check(asked: LanguagesCheck, *, as_json: bool) -> None:
     """Check language packs: missing and unknown keys, placeholders, empty texts, plurals, HTML."""
     from app.study.languages.language_pack import language_pack_faults
 
-    faults = {str(file): language_pack_faults(file) for file in files}
+    faults = {str(file): language_pack_faults(file) for file in asked.files}
     lines = [f"{file}: {fault}" for file, listed in faults.items() for fault in listed]
     lines += [f"{file}: complete" for file, listed in faults.items() if not listed]
     print_result({"faults": faults, "ok": not any(faults.values())}, "\n".join(lines), as_json=as_json)

@@ -6,7 +6,7 @@ from typing import Any
 
 import typer
 
-from app.operations.commands import Plan
+from app.operations.commands.analysis import Plan
 from app.study.planning import MOST_PARTICIPANTS
 from recon.cli.console import ProgressLine, print_result
 from recon.cli.flags import with_settings

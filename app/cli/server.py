@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-from app.cli.shared import UrlOption, once_served, server_settings
+from app.cli.shared import LINKS, once_served, server_settings
+from app.operations.commands.server import AdminAdd, AdminRemove, Backup, Restore, Serve, TokenAdd, TokenRevoke, Work
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
+from recon.cli.flags import with_settings
 
 EVERY_NETWORK = ("0.0.0.0", "::")  # addresses to listen on, where no other computer finds anything
 
@@ -24,15 +25,8 @@ app.add_typer(db_app, name="db")
 
 
 @app.command()
-def serve(
-    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for every network.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any free one.")] = 8000,
-    workers: Annotated[int, typer.Option(min=1, help="Server processes; more than one needs PostgreSQL.")] = 1,
-    jobs: Annotated[
-        int,
-        typer.Option(min=0, help="How many of the dashboard's jobs to run at a time; 0: leave them to other workers."),
-    ] = 1,
-) -> None:
+@with_settings(Serve)
+def serve(asked: Serve) -> None:
     """Serve all studies, and run the dashboard's jobs, until you press Ctrl-C."""
     from app.main import serve as serve_studies
     from app.operations.jobs.beside_server import ends_in_order
@@ -47,9 +41,10 @@ def serve(
         if settings.log_format == "json":  # then a log keeps what is printed, and links open sessions
             return
         url = settings.public_url or listens_at
-        if host in EVERY_NETWORK and settings.public_url is None:
+        if asked.host in EVERY_NETWORK and settings.public_url is None:
             print(
-                f"  on other computers, with this one's name or address for {host}; RECONSTUDY_PUBLIC_URL sets it",
+                f"  on other computers, with this one's name or address for {asked.host}; "
+                "RECONSTUDY_PUBLIC_URL sets it",
                 flush=True,
             )
         for study in list_studies(settings):
@@ -60,7 +55,7 @@ def serve(
             print(f"  set up the first experimenter, once: {url}{path}", flush=True)
 
     with ends_in_order(), ExitStack() as running:
-        serve_studies(settings, host, port, workers=workers, n_jobs=jobs, on_start=announce)
+        serve_studies(settings, asked.host, asked.port, workers=asked.workers, n_jobs=asked.jobs, on_start=announce)
 
 
 @app.command()
@@ -103,10 +98,8 @@ def _tables_sentence(database: Mapping[str, Any]) -> str:
 
 
 @app.command()
-def work(
-    jobs: Annotated[int, typer.Option(min=1, help="How many jobs to run at a time.")] = 1,
-    once: Annotated[bool, typer.Option("--once", help="End when no job waits any more.")] = False,
-) -> None:
+@with_settings(Work)
+def work(asked: Work) -> None:
     """Run the dashboard's jobs until you press Ctrl-C; also on another machine, with the same database and folders."""
     from app.operations.extras import has_extra, install_command
     from app.operations.jobs.worker import work as run_jobs
@@ -115,33 +108,19 @@ def work(
     print(f"Running the jobs of {settings.data_dir.absolute()} until you press Ctrl-C.", flush=True)
     if not has_extra("recon"):
         print(f"Only films are imported here; for the other jobs: {install_command('recon')}", flush=True)
-    run_jobs(settings, jobs, once=once)
+    run_jobs(settings, asked.jobs, once=asked.once)
 
 
 @admin_app.command("add")
-def admin_add(
-    experimenter: Annotated[str, typer.Argument(metavar="NAME", help="The experimenter's name.")],
-    role: Annotated[
-        str | None,
-        typer.Option(help="viewer, experimenter or owner; default: unchanged, or owner for a new experimenter."),
-    ] = None,
-    study: Annotated[
-        list[str] | None,
-        typer.Option(help="Short name of a study to see, once for each, or '*' for all; default: unchanged, or all."),
-    ] = None,
-    url: UrlOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(AdminAdd, **LINKS)
+def admin_add(asked: AdminAdd, *, as_json: bool) -> None:
     """Make a sign-in link for an experimenter, valid once, for a day; older link, password and sessions end."""
     from app.operations.running import url_for_links
     from app.operations.studies.manage import add_experimenter
-    from app.store.access.experimenters import ROLES
 
-    if role is not None and role not in ROLES:
-        raise typer.BadParameter(f"--role is {role!r}, expected one of {', '.join(ROLES)}")
     settings = server_settings()
-    added = add_experimenter(settings, experimenter, next((known for known in ROLES if known == role), None), study)
-    added["link"] = (url or url_for_links(settings)) + added["path"]
+    added = add_experimenter(settings, asked.name, asked.role, asked.study)
+    added["link"] = (asked.url or url_for_links(settings)) + added["path"]
     ended = "\nTheir old password does not hold any more; they choose a new one." if added["password_ended"] else ""
     signs_in = f"{added['name']} signs in, once and within a day, with {added['link']}{once_served(settings)}"
     print_result(added, signs_in + ended, as_json=as_json)
@@ -163,15 +142,13 @@ def _seen(studies: Sequence[str] | None) -> str:
 
 
 @admin_app.command("remove")
-def admin_remove(
-    experimenter: Annotated[str, typer.Argument(metavar="NAME", help="The experimenter's name.")],
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(AdminRemove)
+def admin_remove(asked: AdminRemove, *, as_json: bool) -> None:
     """End an experimenter's access and tokens at once; the audit log stays, and `admin add` lets them in again."""
     from app.operations.studies.manage import remove_experimenter
 
-    remove_experimenter(server_settings(), experimenter)
-    print_result({"name": experimenter}, f"{experimenter} has no access any more.", as_json=as_json)
+    remove_experimenter(server_settings(), asked.name)
+    print_result({"name": asked.name}, f"{asked.name} has no access any more.", as_json=as_json)
 
 
 @token_app.command("list")
@@ -189,50 +166,28 @@ def token_list(as_json: JsonOption = False) -> None:
 
 
 @token_app.command("revoke")
-def token_revoke(
-    token_name: Annotated[str, typer.Argument(metavar="NAME", help="The token's name, as `token list` shows it.")],
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(TokenRevoke)
+def token_revoke(asked: TokenRevoke, *, as_json: bool) -> None:
     """Revoke a token: it opens nothing from now on."""
     from app.operations.studies.manage import end_token
 
-    was_valid = end_token(server_settings(), token_name)
-    sentence = f"{token_name} is revoked." if was_valid else f"{token_name} was revoked before."
-    print_result({"name": token_name, "was_valid": was_valid}, sentence, as_json=as_json)
+    was_valid = end_token(server_settings(), asked.name)
+    sentence = f"{asked.name} is revoked." if was_valid else f"{asked.name} was revoked before."
+    print_result({"name": asked.name, "was_valid": was_valid}, sentence, as_json=as_json)
 
 
 @token_app.command("add")
-def token_add(
-    token_name: Annotated[str, typer.Argument(metavar="NAME", help="Who or what the token is for.")],
-    scope: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="What the token may do: read, personal, audit, jobs, studies:write, participants:write or "
-            "participants:erase; may be repeated; default: read."
-        ),
-    ] = None,
-    study: Annotated[
-        list[str] | None,
-        typer.Option(help="Short name of a study that it opens, once for each; default: the only study."),
-    ] = None,
-    all_studies: Annotated[
-        bool, typer.Option("--all-studies", help="Open all studies, also those that are made later.")
-    ] = False,
-    days: Annotated[int, typer.Option(min=0, max=3650, help="Days until it ends; 0: only when it is revoked.")] = 365,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(TokenAdd)
+def token_add(asked: TokenAdd, *, as_json: bool) -> None:
     """Make a bearer token for fetching results over REST; it is shown only once."""
     from app.operations.studies.manage import add_token, only_study
-    from app.store.access.tokens import READ, SCOPES
 
-    if unknown := sorted(set(scope or ()) - SCOPES.keys()):
-        raise typer.BadParameter(f"--scope is {unknown[0]!r}, expected some of {', '.join(SCOPES)}")
-    if study and all_studies:
+    if asked.study and asked.all_studies:
         raise typer.BadParameter("--study and --all-studies exclude each other; leave one out")
     settings = server_settings()
-    opened = None if all_studies else study or [only_study(settings)]
-    added = add_token(settings, token_name, tuple(scope or (READ,)), opened, days=days or None)
-    ends = f"until {added['expires_at'][:10]}" if days else "until it is revoked"
+    opened = None if asked.all_studies else asked.study or [only_study(settings)]
+    added = add_token(settings, asked.name, asked.scope, opened, days=asked.days or None)
+    ends = f"until {added['expires_at'][:10]}" if asked.days else "until it is revoked"
     sentences = (
         f"Token of {added['name']}, shown this once: {added['token']}",
         f"It grants {', '.join(added['scopes'])} of {'all studies' if opened is None else ', '.join(opened)} {ends}; "
@@ -242,47 +197,25 @@ def token_add(
 
 
 @app.command()
-def backup(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="ZIP file to write; an earlier backup of this name is replaced.")
-    ],
-    media: Annotated[
-        bool, typer.Option("--media", help="Include the pair videos, attached reports and models.")
-    ] = False,
-    encrypt_to: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Public key (age1…, ssh-ed25519 …) or file of such keys, whose owners alone can read the backup."
-        ),
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Backup)
+def backup(asked: Backup, *, as_json: bool) -> None:
     """Back up everything that is stored, as it is at one moment; the server may run meanwhile."""
     from app.operations.upkeep.backup import back_up
 
     with ProgressLine():
-        result = back_up(server_settings(), file, with_media=media, encrypt_to=encrypt_to or ())
-    kept = f"{_held(result)} are in {file}{', encrypted' * result['encrypted']}."
+        result = back_up(server_settings(), asked.file, with_media=asked.media, encrypt_to=asked.encrypt_to or ())
+    kept = f"{_held(result)} are in {asked.file}{', encrypted' * result['encrypted']}."
     print_result(result, kept, as_json=as_json)
 
 
 @app.command()
-def restore(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="ZIP file that `reconstudy backup` wrote, from SQLite or PostgreSQL.")
-    ],
-    replace: Annotated[
-        bool,
-        typer.Option("--replace", help="First delete what the database holds: studies, people, tokens, the audit log."),
-    ] = False,
-    identity: Annotated[Path | None, typer.Option(help="File of the private key to an encrypted backup.")] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Restore)
+def restore(asked: Restore, *, as_json: bool) -> None:
     """Restore a backup, all of it or nothing; the server may run meanwhile."""
     from app.operations.upkeep.backup import restore as restore_backup
 
     with ProgressLine():
-        result = restore_backup(server_settings(), file, replace=replace, identity=identity)
+        result = restore_backup(server_settings(), asked.file, replace=asked.replace, identity=asked.identity)
     again, missing = counted(result["erased_again"], "erasure"), counted(result["missing_videos"], "video")
     sentences = [f"{_held(result)} are back."]
     sentences += [f"Applied again: {again} since then."] if result["erased_again"] else []

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -21,13 +22,7 @@ def _server_address(url: str | None) -> str | None:
     return address
 
 
-UrlOption = Annotated[
-    str | None,
-    typer.Option(
-        callback=_server_address,
-        help="Address of the server, for printed links; default: the public one, where it runs, or port 8000.",
-    ),
-]
+LINKS: Mapping[str, dict[str, Any]] = {"url": {"callback": _server_address}}  # of commands that print links
 
 
 def once_served(settings: Settings) -> str:

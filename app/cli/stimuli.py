@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from app.cli.shared import by_step
-from app.operations.commands import StimuliImport
-from recon.cli.console import JsonOption, ProgressLine, counted, print_result
+from app.operations.commands.studies import StimuliCheck, StimuliImport, StimuliMerge
+from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 
 if TYPE_CHECKING:
@@ -24,20 +24,16 @@ app.add_typer(stimuli_app, name="stimuli")
 
 
 @stimuli_app.command("check")
-def stimuli_check(
-    stimulus_set: Annotated[
-        Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.", metavar="SET")
-    ],
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StimuliCheck)
+def stimuli_check(asked: StimuliCheck, *, as_json: bool) -> None:
     """Check a stimulus set: its files, their digests, and that every video can be decoded."""
     from app.intake.stimuli import read_stimulus_set
 
     with ProgressLine() as progress:
-        checked = read_stimulus_set(stimulus_set, by_step(progress))
+        checked = read_stimulus_set(asked.stimulus_set, by_step(progress))
     result = {"name": checked.name, "datasets": list(checked.datasets), "conditions": list(checked.conditions)}
     whole = f"{counted(len(checked.stimuli), 'video')} of {counted(len(checked.datasets), 'dataset')}"
-    sentence = f"{whole} {'is' if len(checked.stimuli) == 1 else 'are'} whole: {stimulus_set}"
+    sentence = f"{whole} {'is' if len(checked.stimuli) == 1 else 'are'} whole: {asked.stimulus_set}"
     print_result(result, sentence, as_json=as_json)
 
 
@@ -60,21 +56,16 @@ def stimuli_import(asked: StimuliImport, *, as_json: bool) -> None:
 
 
 @stimuli_app.command("merge")
-def stimuli_merge(
-    sets: Annotated[
-        list[Path], typer.Argument(metavar="SETS", help="Two or more stimulus sets: from render, import or merge.")
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="New folder for the stimulus set of all of them.")],
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StimuliMerge)
+def stimuli_merge(asked: StimuliMerge, *, as_json: bool) -> None:
     """Join stimulus sets: the films of a dataset must have the same size, frame rate, length and camera path."""
     from app.intake.merge import merge_sets
 
-    if len(sets) < 2:
-        raise typer.BadParameter(f"{sets[0]} alone has nothing to be merged with; name two sets or more")
+    if len(asked.sets) < 2:
+        raise typer.BadParameter(f"{asked.sets[0]} alone has nothing to be merged with; name two sets or more")
     with ProgressLine() as progress:
-        made = merge_sets(sets, out, progress=by_step(progress))
-    _tell_of_set(made, out, as_json=as_json)
+        made = merge_sets(asked.sets, asked.out, progress=by_step(progress))
+    _tell_of_set(made, asked.out, as_json=as_json)
 
 
 def _tell_of_set(new: NewSet, out: Path, *, as_json: bool) -> None:

@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+from click import get_current_context
 
-from app.cli.shared import UrlOption, by_step, once_served, server_settings
+from app.cli.shared import LINKS, by_step, once_served, server_settings
 from app.cli.study_flags import GIVEN, CommandWithOptionFlags
+from app.operations.commands.studies import (
+    StudyArchive,
+    StudyAttach,
+    StudyBalance,
+    StudyCheck,
+    StudyClose,
+    StudyCreate,
+    StudyDelete,
+    StudyDuplicate,
+    StudyExport,
+    StudyImport,
+    StudyInvite,
+    StudyOpen,
+    StudyPause,
+)
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
+from recon.cli.flags import with_settings
 
 if TYPE_CHECKING:
     from app.settings import Settings
     from app.store.studies.studies import Standing
 
-
-StudyArgument = Annotated[
-    str, typer.Argument(metavar="STUDY", help="The study's short name, as `study list` shows it.")
-]
 
 app = typer.Typer()
 study_app = typer.Typer(
@@ -30,121 +42,70 @@ app.add_typer(study_app, name="study")
 
 
 @study_app.command("create", cls=CommandWithOptionFlags)
-def study_create(
-    context: typer.Context,
-    stimulus_set: Annotated[
-        Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.", metavar="SET")
-    ],
-    study_name: Annotated[
-        str, typer.Option("--name", help="The study's name, as participants and experimenters read it.")
-    ],
-    exposure: Annotated[
-        float | None, typer.Option(help="Seconds that a pair is shown; default: length of the shortest video.")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all participants' orders; default: random.")] = None,
-    preset: Annotated[
-        str, typer.Option(help="Options to start from: paper (a laboratory), quick (pairs only) or online (at home).")
-    ] = "quick",
-    options_file: Annotated[
-        Path | None,
-        typer.Option("--options", help="TOML file: optional_stages, consent, questions, …; it overrides the preset."),
-    ] = None,
-    url: UrlOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StudyCreate, **LINKS)
+def study_create(asked: StudyCreate, *, as_json: bool) -> None:
     """Create a study from a stimulus set, with an open invitation. Flags override the file, and it the preset."""
     with ProgressLine():  # what is loaded takes seconds
         from app.operations.studies.create import create_study, read_options
         from app.study.protocols import typed_scale
         from app.study.stages import PRACTICE
 
-    given = context.meta[GIVEN]
+    given = get_current_context().meta[GIVEN]
     if "scale" in given:
         given["scale"] = typed_scale(given["scale"])
-    options = read_options(options_file, given, preset)
+    options = read_options(asked.options, given, asked.preset)
     if "practice_dataset" in given:
         options = options.with_stage(PRACTICE)
     with ProgressLine() as progress:
         settings = server_settings()
         study = create_study(
             settings,
-            stimulus_set,
-            study_name,
-            exposure_s=exposure,
-            seed=seed,
+            asked.stimulus_set,
+            asked.name,
+            exposure_s=asked.exposure,
+            seed=asked.seed,
             options=options,
             progress=by_step(progress),
         )
-    _tell_of_study(study, settings, url, as_json=as_json)
+    _tell_of_study(study, settings, asked.url, as_json=as_json)
 
 
 @study_app.command("import")
-def study_import(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="TOML file: name, stimuli, exposure_s, seed and options; or the zip file of a whole study. "
-            "`study export` writes both.",
-        ),
-    ],
-    stimuli: Annotated[
-        Path | None, typer.Option(help="Folder of the stimulus set of a TOML file; default: the file's.")
-    ] = None,
-    study_name: Annotated[
-        str, typer.Option("--name", help="Name of a study from a zip file; default: the one it had.")
-    ] = "",
-    url: UrlOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StudyImport, **LINKS)
+def study_import(asked: StudyImport, *, as_json: bool) -> None:
     """Create a study from a study file, or bring in a whole one with films, texts, votes and measures."""
     from app.intake.zips import is_zip
     from app.operations.studies.create import import_study
     from app.operations.upkeep.travel import import_file
 
     settings = server_settings()
-    if file.is_file() and is_zip(file):
+    if asked.file.is_file() and is_zip(asked.file):
         with ProgressLine() as progress:
-            made = import_file(settings, file, name=study_name, progress=by_step(progress))
+            made = import_file(settings, asked.file, name=asked.name, progress=by_step(progress))
         whole = f"{counted(made['n_started'], 'participant')} and {counted(made['n_votes'], 'vote')}"
         notes = [f"{note[0].upper()}{note[1:]}." for note in made["notes"]]
         invite = f"It is {made['state']}, and nobody's code came with it: `reconstudy study invite {made['slug']}`."
         print_result(made, "\n".join([f"{made['slug']} is here with {whole}.", invite, *notes]), as_json=as_json)
         return
     with ProgressLine() as progress:
-        study = import_study(settings, file, stimuli=stimuli, progress=by_step(progress))
-    _tell_of_study(study, settings, url, as_json=as_json)
+        study = import_study(settings, asked.file, stimuli=asked.stimuli, progress=by_step(progress))
+    _tell_of_study(study, settings, asked.url, as_json=as_json)
 
 
 @study_app.command("export")
-def study_export(
-    study: StudyArgument,
-    package: Annotated[
-        Path | None,
-        typer.Argument(metavar="FILE.zip", help="Zip file of the whole study; default: its study file alone."),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Study file to write; default: standard output.")
-    ] = None,
-    outside_ids: Annotated[
-        bool,
-        typer.Option(
-            "--outside-ids",
-            help="Zip file with outside ids, completion codes, addresses that lead back and names on invitations.",
-        ),
-    ] = False,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StudyExport)
+def study_export(asked: StudyExport, *, as_json: bool) -> None:
     """Write a study file, or a whole study with films, texts, votes and measures; `study import` takes both."""
     from app.files import write_text
     from app.operations.studies.manage import export_study
     from app.operations.upkeep.travel import export_to_file
 
+    study, package, out = asked.study, asked.package, asked.out
     if package is not None:
         if package.suffix.lower() != ".zip" or out is not None:
             raise typer.BadParameter(f"{package}: expected a name that ends in .zip, and no --out beside it")
         with ProgressLine():
-            made = export_to_file(server_settings(), study, package, has_outside=outside_ids)
+            made = export_to_file(server_settings(), study, package, has_outside=asked.outside_ids)
         whole = f"{counted(made['participants'], 'participant')} and {counted(made['votes'], 'vote')}"
         notes = [f"{note[0].upper()}{note[1:]}." for note in made["notes"]]
         print_result(made, "\n".join([f"Wrote {package}: {study} with {whole}.", *notes]), as_json=as_json)
@@ -157,32 +118,27 @@ def study_export(
 
 
 @study_app.command("invite")
-def study_invite(
-    study: StudyArgument,
-    places: Annotated[
-        int | None, typer.Option(min=1, help="How many participants may use it; default: any number.")
-    ] = None,
-    url: UrlOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StudyInvite, **LINKS)
+def study_invite(asked: StudyInvite, *, as_json: bool) -> None:
     """Add an invitation to a study."""
     from app.operations.running import url_for_links
     from app.operations.studies.manage import add_invitation
 
     settings = server_settings()
-    made = add_invitation(settings, study, places=places)
-    made["link"] = (url or url_for_links(settings)) + made["link"]
-    people = "as many participants as come" if places is None else f"{counted(places, 'participant')}"
+    made = add_invitation(settings, asked.study, places=asked.places)
+    made["link"] = (asked.url or url_for_links(settings)) + made["link"]
+    people = "as many participants as come" if asked.places is None else f"{counted(asked.places, 'participant')}"
     print_result(made, f"For {people}: {made['link']}{once_served(settings)}", as_json=as_json)
 
 
 @study_app.command("check")
-def study_check(study: StudyArgument, as_json: JsonOption = False) -> None:
+@with_settings(StudyCheck)
+def study_check(asked: StudyCheck, *, as_json: bool) -> None:
     """Check a study's films: decode each to its end, and play it in a headless browser where one is installed."""
     from app.operations.studies.check_films import FilmCheck, check_study, in_words
 
     with ProgressLine() as progress:
-        checked = check_study(server_settings(), study, progress=by_step(progress))
+        checked = check_study(server_settings(), asked.study, progress=by_step(progress))
     faults = [f"{media}: {fault}" for media, fault in checked["faults"].items()]
     print_result(checked, "\n".join([in_words(FilmCheck(**checked)), *faults]), as_json=as_json)
     if faults:
@@ -190,41 +146,26 @@ def study_check(study: StudyArgument, as_json: JsonOption = False) -> None:
 
 
 @study_app.command("balance")
-def study_balance(
-    study: StudyArgument,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StudyBalance)
+def study_balance(asked: StudyBalance, *, as_json: bool) -> None:
     """Check that orders follow from the seed and are balanced: labels, first looks, datasets; exit with 1 if not."""
     from app.operations.studies.manage import study_balance as balance_of
 
-    report = balance_of(server_settings(), study)
+    report = balance_of(server_settings(), asked.study)
     print_result(report, "\n".join(_balance_lines(report)), as_json=as_json)
     if not report["ok"]:
         raise typer.Exit(1)
 
 
 @study_app.command("attach")
-def study_attach(
-    results: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RESULTS",
-            help="Folders that `reconstudy validate` and `reconstudy models` wrote, or CSV tables of measures.",
-        ),
-    ],
-    study: Annotated[str | None, typer.Option(help="The study's short name; default: the only study.")] = None,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(help="Measure to compare with the scores, once for each; default: all of them."),
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StudyAttach)
+def study_attach(asked: StudyAttach, *, as_json: bool) -> None:
     """Attach objective measures, reports and models to a study, in place of those attached before."""
     with ProgressLine():
         from app.operations.studies.attach import listed
         from app.operations.studies.manage import attach_results
 
-        attached = attach_results(server_settings(), results, study, only=only or ())
+        attached = attach_results(server_settings(), asked.results, asked.study, only=asked.only or ())
     sentences = []
     if attached["measures"]:
         values = counted(attached["n_values"], "value")
@@ -241,27 +182,31 @@ def study_attach(
 
 
 @study_app.command("open")
-def study_open(study: StudyArgument, as_json: JsonOption = False) -> None:
+@with_settings(StudyOpen)
+def study_open(asked: StudyOpen, *, as_json: bool) -> None:
     """Open a study, or open it again: people may begin."""
-    _change_standing(study, "open", as_json=as_json)
+    _change_standing(asked.study, "open", as_json=as_json)
 
 
 @study_app.command("pause")
-def study_pause(study: StudyArgument, as_json: JsonOption = False) -> None:
+@with_settings(StudyPause)
+def study_pause(asked: StudyPause, *, as_json: bool) -> None:
     """Pause a study: nobody begins for now; who has begun goes on."""
-    _change_standing(study, "paused", as_json=as_json)
+    _change_standing(asked.study, "paused", as_json=as_json)
 
 
 @study_app.command("close")
-def study_close(study: StudyArgument, as_json: JsonOption = False) -> None:
+@with_settings(StudyClose)
+def study_close(asked: StudyClose, *, as_json: bool) -> None:
     """Close a study: nobody new begins; who has begun goes on."""
-    _change_standing(study, "closed", as_json=as_json)
+    _change_standing(asked.study, "closed", as_json=as_json)
 
 
 @study_app.command("archive")
-def study_archive(study: StudyArgument, as_json: JsonOption = False) -> None:
+@with_settings(StudyArchive)
+def study_archive(asked: StudyArchive, *, as_json: bool) -> None:
     """Archive a study: it is closed and out of the way, and may be deleted."""
-    _change_standing(study, "archived", as_json=as_json)
+    _change_standing(asked.study, "archived", as_json=as_json)
 
 
 def _change_standing(study: str, standing: Standing, *, as_json: bool) -> None:
@@ -272,29 +217,29 @@ def _change_standing(study: str, standing: Standing, *, as_json: bool) -> None:
 
 
 @study_app.command("duplicate")
-def study_duplicate(
-    study: StudyArgument,
-    new_name: Annotated[str, typer.Option("--name", help="Name of the new study.")],
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StudyDuplicate)
+def study_duplicate(asked: StudyDuplicate, *, as_json: bool) -> None:
     """Create a study of the same stimuli and options, without participants; it stays paused until opened."""
     from app.operations.studies.manage import copy_study
 
-    made = copy_study(server_settings(), study, new_name)
-    sentence = f"{made['study']} is a copy of {study}. It is paused; `reconstudy study open {made['study']}` opens it."
+    made = copy_study(server_settings(), asked.study, asked.name)
+    sentence = (
+        f"{made['study']} is a copy of {asked.study}. It is paused; `reconstudy study open {made['study']}` opens it."
+    )
     print_result(made, sentence, as_json=as_json)
 
 
 @study_app.command("delete")
-def study_delete(
-    study: StudyArgument,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask; there is no way back but a backup.")] = False,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StudyDelete)
+def study_delete(asked: StudyDelete, *, as_json: bool) -> None:
     """Delete a study with all its votes for good; once somebody has begun, archive it first."""
     from app.operations.studies.manage import remove_study
 
-    if not yes and typer.prompt(f"All votes of {study} will be gone. Type {study} to delete it", err=True) != study:
+    study = asked.study
+    if (
+        not asked.yes
+        and typer.prompt(f"All votes of {study} will be gone. Type {study} to delete it", err=True) != study
+    ):
         raise ValueError(f"{study} was not deleted: another name was typed")
     gone = remove_study(server_settings(), study)
     held = f"{counted(gone['votes'], 'vote')} of {counted(gone['participants'], 'participant')}"

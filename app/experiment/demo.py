@@ -17,7 +17,7 @@ from app.operations.studies.manage import add_experimenter, attach_results, list
 from app.settings import Settings
 from app.simulation.known_order import came_out, came_out_sentence, outcome, put_in_sentence
 from app.simulation.participants import simulate_study
-from app.study.options.presets import QUICK
+from app.study.kinds import QUICK
 from app.study.stages import PRACTICE
 from app.web.participant.front import FRONT_FILE
 

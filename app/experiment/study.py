@@ -27,8 +27,8 @@ from app.simulation.observer import Observer
 from app.simulation.participants import Person, simulate_study
 from app.simulation.rating import LOG_ODDS_OF_SCALE
 from app.study.design.adaptive import FEWEST_CONDITIONS
+from app.study.kinds import PAPER, QUICK
 from app.study.options.options import StudyOptions
-from app.study.options.presets import PAPER, QUICK
 
 NAME, RATINGS_NAME = "The paper's study", "Ratings of the same videos"
 OBJECTIVE_FILE, ANSWERS_FILE = "objective.json", "answers.json"

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from app.errors import InvalidError
-from app.operations.commands import Plan
+from app.operations.commands.analysis import Plan
 from app.operations.jobs.forms import fields_of
 from app.study.planning import usual_spread
 from app.study.protocols import Protocol

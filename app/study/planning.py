@@ -10,6 +10,7 @@ from app.study.protocols import RATED, Protocol
 TYPICAL_INCONSISTENCY = 0.7  # grades of five: standard deviation of somebody's ratings around the qualities
 TYPICAL_SPREAD = 0.4  # log-odds, of people; makes clustered errors about 1.4 times the naive ones, as on real panels
 TYPICAL_TIE_RATE = 0.2
+MOST_PLACES = 100_000  # of an invitation
 MOST_PARTICIPANTS = 512  # among whom a number that suffices is looked for
 
 MEASURE_CORRELATION = 0.9  # of a good measure with the true scores

@@ -13,8 +13,9 @@ from fastapi.responses import Response
 from limits import RateLimitItemPerMinute
 
 from app.errors import ForbiddenError, NotFoundError, StudyError, UnauthorisedError
-from app.store.access.experimenters import SESSION_LASTS, Experimenter, Role, is_session_open, open_session
-from app.store.access.tokens import SCOPES_OF_ROLE, token_by_secret
+from app.store.access.experimenters import SESSION_LASTS, Experimenter, is_session_open, open_session
+from app.store.access.rights import SCOPES_OF_ROLE, Role
+from app.store.access.tokens import token_by_secret
 from app.store.studies.audit import STRANGER, Actor, Entry, record_alone
 from app.store.studies.studies import Study, study_by_slug
 from app.web.gates import UPLOAD_PATH, address, bearer, cookie, database, now, set_cookie, settings, throttle

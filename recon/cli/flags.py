@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import wraps
-from inspect import Parameter, Signature
-from typing import Annotated, Any, Concatenate, TypeVar
+from inspect import Parameter, Signature, signature
+from typing import Annotated, Any, Concatenate, Literal, TypeVar, get_args, get_origin
 
 import typer
 from pydantic import ValidationError
@@ -23,7 +23,7 @@ C = TypeVar("C", bound=Command)
 def with_settings(
     settings: type[C], **more: dict[str, Any]
 ) -> Callable[[Callable[Concatenate[C, ...], None]], Callable[..., None]]:
-    """Let a command take the settings as its arguments and flags, and `--json`.
+    """Let a command take the settings as its arguments and flags, and `--json` if it takes `as_json`.
 
     Parameters
     ----------
@@ -32,14 +32,18 @@ def with_settings(
     """
 
     def decorated(command: Callable[Concatenate[C, ...], None]) -> Callable[..., None]:
+        has_json = "as_json" in signature(command).parameters
+
         @wraps(command)
-        def with_flags(*, as_json: bool, **given: Any) -> None:
+        def with_flags(**given: Any) -> None:
+            beside = {"as_json": given.pop("as_json")} if has_json else {}
             asked = _checked(settings, given)
             with telling(Notice):
-                command(asked, as_json=as_json)
+                command(asked, **beside)
 
         parameters = [_parameter(*field, more.get(field[0], {})) for field in settings_of(settings)]
-        parameters.append(Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=JsonOption))
+        if has_json:
+            parameters.append(Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=JsonOption))
         with_flags.__signature__ = Signature(parameters)  # type: ignore[attr-defined]  # PEP 362
         with_flags.__annotations__ = {each.name: each.annotation for each in parameters}
         return with_flags
@@ -51,7 +55,11 @@ def _checked(settings: type[C], given: Mapping[str, Any]) -> C:
     try:
         return settings(**given)
     except ValidationError as error:
-        raise typer.BadParameter(str(faults_of(error, settings)[0])) from error
+        fault = faults_of(error, settings)[0]
+        flag = next((said.flag(name) for name, _, said in settings_of(settings) if fault.place[:1] == (name,)), "")
+        if fault.is_told or not flag:
+            raise typer.BadParameter(str(fault)) from error
+        raise typer.BadParameter(fault.words.removeprefix("is "), param_hint=f"'{flag}'") from error
 
 
 def _parameter(name: str, info: FieldInfo, setting: Setting, more: dict[str, Any]) -> Parameter:
@@ -62,5 +70,10 @@ def _parameter(name: str, info: FieldInfo, setting: Setting, more: dict[str, Any
     made = typer.Argument if setting.is_argument else typer.Option
     option: Any = made(*setting.flags, **said | more)
     default = Parameter.empty if info.is_required() else info.default
-    annotation: Any = Annotated[info.annotation, option]
+    annotation: Any = Annotated[_typed(info.annotation), option]
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _typed(kind: Any) -> Any:
+    """Return the type that typer reads: it takes no list of choices, which the settings then check."""
+    return list[str] if get_origin(kind) is list and get_origin(get_args(kind)[0]) is Literal else kind

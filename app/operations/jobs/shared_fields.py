@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from app.intake.captures import CAPTURE_FILE
 from app.operations.jobs.fields import Choice, Entry, Field, NewName, Text
-from app.study.options.presets import PRESETS, QUICK, read_preset
+from app.study.kinds import PRESETS, QUICK
+from app.study.options.presets import read_preset
 
 CAPTURE = Entry(
     name="capture",

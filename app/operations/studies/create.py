@@ -29,13 +29,14 @@ from app.store.studies.images import copy_images
 from app.store.studies.measurements import measurement_records, replace_measurements
 from app.store.trials.designs import copy_design, insert_design, insert_practice
 from app.store.trials.orders import most_trials
+from app.study.kinds import QUICK
 from app.study.languages.text import is_one_line
 from app.study.option_fields import SettingError
 from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.platforms import link_path
-from app.study.options.presets import QUICK, read_preset
+from app.study.options.presets import read_preset
 from app.study.options.study_file import StudyFile, parse_study_file, read_toml
 from app.study.options.wording import beyond_the_study, check_languages, refused_languages
 

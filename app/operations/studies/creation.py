@@ -16,7 +16,7 @@ from app.store.database.server_tasks import ServerTask, running_tasks
 from app.store.studies.audit import Actor
 from app.store.studies.drafts import KeptDraft, drafts_of, drop_draft
 from app.store.studies.studies import study_by_slug
-from app.study.options.presets import QUICK
+from app.study.kinds import QUICK
 from app.study.options.study_file import StudyFile, parse_study_file, write_study_file
 
 CREATION = "create study"

@@ -10,13 +10,14 @@ from app.intake.stimuli import StimulusSet
 from app.operations.studies.create import read_options
 from app.operations.studies.forecast import SINGLE_FILMS, Forecast, forecast, has_many_pairs
 from app.settings import Settings
+from app.study.kinds import PRESETS, QUICK
 from app.study.languages.language_pack import LanguagePack
 from app.study.option_fields import Setting, SettingError
 from app.study.options.neutral_words import neutral_words
 from app.study.options.option_table import COLUMNS, SETTINGS, SETTINGS_BY_NAME
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.platforms import PLATFORMS, WAYS, Platform
-from app.study.options.presets import PRESETS, QUICK, read_preset
+from app.study.options.presets import read_preset
 from app.study.options.study_file import StudyFile
 from app.study.options.wording import check_languages
 from app.study.protocols import RATED

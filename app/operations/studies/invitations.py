@@ -10,7 +10,6 @@ from app.store.participants.invitations import end_invitation, insert_invitation
 from app.store.studies.audit import Actor
 from app.store.studies.studies import Study
 
-MOST_PLACES = 100_000  # of an invitation
 MOST_AT_ONCE = 200
 CODE_SHOWN = 8  # characters of a code that the audit log shows: a whole one lets people in
 

@@ -12,12 +12,13 @@ from typing import Any
 from app.operations.database import open_store, study_named
 from app.operations.studies.attach import attach
 from app.operations.studies.create import duplicate_study
-from app.operations.studies.invitations import MOST_PLACES, make_invitations
+from app.operations.studies.invitations import make_invitations
 from app.operations.studies.standing import change_standing, delete_study
 from app.settings import Settings
-from app.store.access.experimenters import Role, all_experimenters, disable, experimenter_named, renew_link, set_up_link
+from app.store.access.experimenters import all_experimenters, disable, experimenter_named, renew_link, set_up_link
+from app.store.access.rights import READING, Role
 from app.store.access.second_factors import end_second_factor
-from app.store.access.tokens import READING, Token, all_tokens, insert_token, revoke_token
+from app.store.access.tokens import Token, all_tokens, insert_token, revoke_token
 from app.store.database.engine import Database, Transaction, open_database
 from app.store.database.keys import utc_now
 from app.store.database.migrate import upgrade
@@ -29,6 +30,7 @@ from app.study.design.balance import balance_report
 from app.study.options.options import parse_options
 from app.study.options.platforms import link_path
 from app.study.options.study_file import StudyFile, write_study_file
+from app.study.planning import MOST_PLACES
 
 
 def upgrade_database(settings: Settings) -> dict[str, Any]:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any, Literal
+from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Row, and_, delete, exists, func, insert, or_, select, update
 
 from app.errors import ConflictError, NotFoundError
+from app.store.access.rights import ROLES, Role
 from app.store.database.engine import Database
 from app.store.database.keys import digest, new_secret
 from app.store.database.tables import api_token, experimenter, experimenter_session, study
-
-Role = Literal["viewer", "experimenter", "owner"]
-ROLES: tuple[Role, ...] = ("viewer", "experimenter", "owner")  # each may do what those before it may
 
 LINK_LASTS = timedelta(hours=24)
 SESSION_LASTS = timedelta(hours=12)  # a working day, as OWASP ASVS 3.3.2 has it at level 2

@@ -9,32 +9,10 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, exists, insert, or_, select, update
 
-from app.store.access.experimenters import Role, check_studies, experimenter_named
+from app.store.access.experimenters import check_studies, experimenter_named
+from app.store.access.rights import SCOPES, SCOPES_OF_ROLE
 from app.store.database.keys import digest, new_secret
 from app.store.database.tables import api_token
-
-READ = "read"
-PERSONAL = "personal"
-AUDIT = "audit"
-STUDIES = "studies:write"
-PEOPLE = "participants:write"
-ERASING = "participants:erase"
-JOBS = "jobs"
-SCOPES = {
-    READ: "studies, votes, trials, scores and all that is computed from them",
-    PERSONAL: "participants, screening results, questionnaires, the archive",
-    AUDIT: "the audit log",
-    STUDIES: "create, edit, open, close, archive, duplicate and delete studies and stimulus sets, and give out codes",
-    PEOPLE: "exclude participants from the analysis, include them again, enter results of tests beside the screen",
-    ERASING: "withdraw participants, and erase their data for good",
-    JOBS: "jobs on recordings and films: see, start, cancel and retry them",
-}
-READING = (READ, PERSONAL, AUDIT)  # scopes that change nothing
-SCOPES_OF_ROLE: dict[Role, tuple[str, ...]] = {
-    "viewer": (READ,),
-    "experimenter": (READ, PERSONAL, AUDIT, JOBS, STUDIES, PEOPLE, ERASING),
-    "owner": (READ, PERSONAL, AUDIT, JOBS, STUDIES, PEOPLE, ERASING),
-}
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from app.study.options.presets import ONLINE, PAPER, QUICK
+from app.study.kinds import ONLINE, PAPER, QUICK
 from app.study.options.recruiting import ENDINGS, LEFT_TO_FILL, OutsideOptions
 
 # What platforms put in the place of a parameter's value when they send somebody; from their manuals.

@@ -10,7 +10,8 @@ from fastapi import Request
 from fastapi.responses import RedirectResponse, Response
 
 from app.intake.bounds import load_readers
-from app.store.access.experimenters import Experimenter, Role
+from app.store.access.experimenters import Experimenter
+from app.store.access.rights import Role
 from app.store.studies.studies import Study, progress_of
 from app.web.admin.alarms import alarm_in
 from app.web.gates import database, now, render

@@ -13,7 +13,7 @@ from app.errors import InvalidError, NotFoundError
 from app.intake.contents import read_contents
 from app.intake.part_uploads import Standing, standing
 from app.intake.shelves import KINDS, ShelfEntry, entries, file_in
-from app.store.access.tokens import JOBS, STUDIES
+from app.store.access.rights import JOBS, STUDIES
 from app.store.studies.audit import Actor
 from app.web.analyst import columns
 from app.web.analyst.formats import ChosenFormat, CompressedRoute, json_object, table

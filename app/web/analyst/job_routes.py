@@ -16,7 +16,7 @@ from app.operations.jobs.fields import Choice, Choices, Entry
 from app.operations.jobs.fields import Field as JobField
 from app.operations.jobs.kinds import KINDS, job_kind
 from app.settings import Settings
-from app.store.access.tokens import JOBS
+from app.store.access.rights import JOBS
 from app.store.queue import STATES, JobState, QueuedJob, job_by_id, list_jobs
 from app.store.studies.audit import Actor
 from app.web.analyst import columns

@@ -10,11 +10,11 @@ from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import InvalidError, NotFoundError
-from app.operations.commands import Plan
+from app.operations.commands.analysis import Plan
 from app.operations.planning import ASSUMPTIONS, plan_on_server
 from app.operations.studies.edit import check_edit, keep_study_image, remove_study_image, save_edit
 from app.operations.studies.manage import study_file_of
-from app.store.access.tokens import READ
+from app.store.access.rights import READ
 from app.store.studies.film_failures import settle_failures
 from app.store.studies.images import image_content, image_digests
 from app.store.trials.designs import conditions_of, datasets_of, shown_pairs

@@ -20,7 +20,7 @@ from app.operations.upkeep.people import (
     renew_code,
     withdraw_person,
 )
-from app.store.access.tokens import ERASING, PEOPLE, PERSONAL, STUDIES
+from app.store.access.rights import ERASING, PEOPLE, PERSONAL, STUDIES
 from app.store.database.engine import Database
 from app.store.participants.comments import LONGEST_COMMENT, LONGEST_TAG, CommentPlace, Source
 from app.store.participants.participants import everything_of, exclusion_records, participant_labelled

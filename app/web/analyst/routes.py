@@ -12,8 +12,8 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response
 
 from app.operations.studies.manage import study_summary
-from app.store.access.tokens import AUDIT as AUDIT_SCOPE
-from app.store.access.tokens import PERSONAL, READ
+from app.store.access.rights import AUDIT as AUDIT_SCOPE
+from app.store.access.rights import PERSONAL, READ
 from app.store.database import tables
 from app.store.database.engine import Database, Transaction
 from app.store.database.table_state import Tables, table_state

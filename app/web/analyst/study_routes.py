@@ -17,31 +17,26 @@ from app.operations.studies.create import duplicate_study, read_options, shows_a
 from app.operations.studies.creation import begin_creation
 from app.operations.studies.drafts import Draft, outlook_of
 from app.operations.studies.edit import check_edit, remake_films, save_edit
-from app.operations.studies.invitations import (
-    MOST_AT_ONCE,
-    MOST_PLACES,
-    make_invitations,
-    name_invitation,
-    stop_invitation,
-)
+from app.operations.studies.invitations import MOST_AT_ONCE, make_invitations, name_invitation, stop_invitation
 from app.operations.studies.manage import study_file_of, study_summary
 from app.operations.studies.standing import change_standing, delete_study, give_new_address
 from app.operations.studies.stimulus_sets import set_called
 from app.operations.tasks import wait_for_task
-from app.store.access.tokens import STUDIES
+from app.store.access.rights import STUDIES
 from app.store.database.engine import Database
 from app.store.database.server_tasks import cancel_task, task_by_id
 from app.store.participants.invitations import Invitation, invitations_of
 from app.store.studies.audit import Actor
 from app.store.studies.drafts import KeptDraft, drafts_of, drop_draft, keep_draft
 from app.store.studies.studies import Standing, Study, StudyCounts, progress_of, study_by_slug
+from app.study.kinds import QUICK
 from app.study.options.neutral_words import neutral_words
 from app.study.options.option_table import COLUMNS
 from app.study.options.options import overridden, parse_options
 from app.study.options.own_texts import LONGEST_NAME
-from app.study.options.presets import QUICK
 from app.study.options.study_file import StudyFile
 from app.study.options.wording import check_languages
+from app.study.planning import MOST_PLACES
 from app.study.protocols import EXPOSURE_BOUNDS_S
 from app.web.analyst.formats import CompressedRoute
 from app.web.gates import Store, languages, link_to, settings

@@ -30,7 +30,7 @@ from app.operations.studies.stimulus_sets import (
 )
 from app.operations.tasks import start_task
 from app.operations.upkeep.travel import export_study
-from app.store.access.tokens import JOBS, PERSONAL, READ, STUDIES
+from app.store.access.rights import JOBS, PERSONAL, READ, STUDIES
 from app.store.database.engine import Database, Transaction
 from app.store.studies.audit import Actor, Entry, record_alone
 from app.web.analyst import columns

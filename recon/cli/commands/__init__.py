@@ -6,16 +6,9 @@ may read.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 
 from recon.cli.commands import experiments, measures, reconstruction, recordings
-from recon.cli.commands.setting import Command
+from recon.cli.commands.setting import Command, commands_of
 
-# by what is typed: `CaptureSynth` has the settings of `capture synth`
-COMMANDS: Mapping[str, type[Command]] = {
-    re.sub("(?<=[a-z])(?=[A-Z])", " ", name).lower(): command
-    for module in (reconstruction, recordings, measures, experiments)
-    for name, command in vars(module).items()
-    if isinstance(command, type) and issubclass(command, Command) and command is not Command
-}
+COMMANDS: Mapping[str, type[Command]] = commands_of(reconstruction, recordings, measures, experiments)

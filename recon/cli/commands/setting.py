@@ -6,8 +6,10 @@ and how a form enters it. Both take type and bounds from `ground/fields.py`; lab
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from types import ModuleType
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -132,3 +134,13 @@ def bounds(info: FieldInfo) -> tuple[float | None, float | None]:
     """Return the lowest and the highest value that a field takes; None: any."""
     value = taken(info)
     return value.bound("ge"), value.bound("le")
+
+
+def commands_of(*modules: ModuleType) -> Mapping[str, type[Command]]:
+    """Return the settings of the commands in modules by what is typed: `CaptureSynth` are those of `capture synth`."""
+    return {
+        re.sub("(?<=[a-z])(?=[A-Z])", " ", name).lower(): command
+        for module in modules
+        for name, command in vars(module).items()
+        if isinstance(command, type) and issubclass(command, Command) and command.__module__ == module.__name__
+    }

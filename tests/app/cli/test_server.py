@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.settings import Settings
-from app.store.access.tokens import SCOPES
+from app.store.access.rights import SCOPES
 from tests.command_line import Command
 
 

@@ -13,7 +13,7 @@ import pytest
 from app.main import create_app, running_server
 from app.operations.studies import create, manage
 from app.settings import Settings
-from app.store.access.tokens import SCOPES
+from app.store.access.rights import SCOPES
 from app.web.roles import AStudy
 from tests.app.web.http_checks import all_routes, ask
 

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
+from app.study.kinds import PRESETS
 from app.study.languages.language_pack import flat_texts
 from app.study.options.options import overridden
 from app.study.options.own_texts import CONSENT, DEBRIEFING
-
-PAPER, QUICK, ONLINE = "paper", "quick", "online"
-PRESETS = (PAPER, QUICK, ONLINE)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from app.errors import ConflictError, InvalidError, NotFoundError
 from app.store.access.experimenters import (
     ALL_STUDIES,
     Experimenter,
-    Role,
     all_experimenters,
     disable,
     end_all_sessions,
@@ -21,8 +20,9 @@ from app.store.access.experimenters import (
     restrict,
     set_role,
 )
+from app.store.access.rights import LONGEST_TOKEN_DAYS, SCOPES, Role
 from app.store.access.second_factors import end_second_factor
-from app.store.access.tokens import SCOPES, all_tokens, insert_token, revoke_token
+from app.store.access.tokens import all_tokens, insert_token, revoke_token
 from app.store.database.engine import Transaction
 from app.store.studies.audit import SORTABLE, audit_records, audit_state
 from app.store.studies.studies import all_studies
@@ -31,8 +31,6 @@ from app.web.admin.layout import page, see
 from app.web.admin.listing import listing
 from app.web.gates import Store, database
 from app.web.roles import ActingOwner, Looking, Owner
-
-LONGEST_TOKEN_DAYS = 3650
 
 Chosen = Annotated[list[str], Form(max_length=1000)]
 

@@ -12,13 +12,7 @@ from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import Response
 
 from app.errors import InvalidError, NotFoundError
-from app.operations.studies.invitations import (
-    MOST_AT_ONCE,
-    MOST_PLACES,
-    make_invitations,
-    name_invitation,
-    stop_invitation,
-)
+from app.operations.studies.invitations import MOST_AT_ONCE, make_invitations, name_invitation, stop_invitation
 from app.operations.studies.manage import study_file_of
 from app.store.participants.invitations import invitations_of
 from app.store.participants.participants import group_counts
@@ -31,6 +25,7 @@ from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import NAME
 from app.study.options.platforms import MTURK_ID, link_query, parameters, unknown_placeholders
 from app.study.options.wording import first_language, own_texts
+from app.study.planning import MOST_PLACES
 from app.web.admin.layout import attachment, page, see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
 from app.web.analyst.formats import CSV, csv_text

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import Response
 
-from app.operations.commands import Plan
+from app.operations.commands.analysis import Plan
 from app.operations.planning import ASSUMPTIONS, plan_on_server
 from app.store.trials.designs import conditions_of, datasets_of
 from app.store.trials.orders import most_trials, study_plan

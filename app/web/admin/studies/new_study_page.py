@@ -22,11 +22,11 @@ from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called, unreadable_sets
 from app.store.access.experimenters import Experimenter
 from app.store.studies.drafts import draft_of, drafts_of, drop_draft, keep_draft
+from app.study.kinds import PRESETS, QUICK
 from app.study.option_fields import SettingError
 from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions
 from app.study.options.platforms import PLATFORMS, WAYS
-from app.study.options.presets import PRESETS, QUICK
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line
 from app.study.options.wording import beyond_the_study, check_languages, first_language, wording
 from app.web.admin.background import task_address

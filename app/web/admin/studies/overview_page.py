@@ -13,7 +13,7 @@ from fastapi.responses import Response
 from starlette.concurrency import run_in_threadpool
 
 from app.operations.studies.create import telling_names
-from app.store.access.experimenters import Role
+from app.store.access.rights import Role
 from app.store.participants.invitations import invitations_of
 from app.store.participants.participants import (
     SoughtPeople,

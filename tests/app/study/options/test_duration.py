@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from app.study.kinds import PAPER, PRESETS
 from app.study.options.duration import n_breaks, stage_minutes, whole_minutes
 from app.study.options.options import parse_options
-from app.study.options.presets import PAPER, PRESETS, read_preset
+from app.study.options.presets import read_preset
 
 
 def test_every_stage_with_something_to_do_is_counted() -> None:

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from app.study.kinds import PRESETS
 from app.study.languages.language_pack import model_texts, read_language_pack
 from app.study.options.neutral_words import neutral_words
 from app.study.options.options import parse_options
-from app.study.options.presets import PRESETS, read_preset
+from app.study.options.presets import read_preset
 from app.study.options.wording import protocol_texts
 
 ROOT = Path(__file__).parents[4]

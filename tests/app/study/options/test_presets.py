@@ -9,8 +9,9 @@ import pytest
 
 from app.operations.studies.create import read_options
 from app.study.design.design import Repetition
+from app.study.kinds import ONLINE, PAPER, PRESETS, QUICK
 from app.study.options.options import StudyOptions
-from app.study.options.presets import ONLINE, PAPER, PRESETS, QUICK, read_preset
+from app.study.options.presets import read_preset
 from app.study.options.study_file import StudyFile, parse_study_file, write_study_file
 from app.study.options.wording import beyond_the_study, own_texts
 

@@ -18,7 +18,7 @@ from playwright.sync_api import Page
 
 from app.operations.studies import manage
 from app.settings import Settings
-from app.store.access.experimenters import Role
+from app.store.access.rights import Role
 
 LONGEST_WORK_S = 120
 PASSWORD = "correct horse battery"

@@ -30,7 +30,7 @@ from app.main import create_app, running_server
 from app.operations.studies import create, manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
-from app.store.access.tokens import SCOPES
+from app.store.access.rights import SCOPES
 from app.web.analyst.columns import TABLES
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 from tests.app.web.http_checks import all_routes

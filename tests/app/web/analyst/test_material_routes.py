@@ -11,7 +11,7 @@ import pytest
 
 from app.operations.studies import manage
 from app.settings import Settings
-from app.store.access.tokens import SCOPES
+from app.store.access.rights import SCOPES
 from tests.app.web.http_checks import is_problem
 
 pytestmark = pytest.mark.slow

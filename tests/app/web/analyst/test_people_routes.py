@@ -12,7 +12,7 @@ import pytest
 from app.operations.studies import manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
-from app.store.access.tokens import SCOPES
+from app.store.access.rights import SCOPES
 from tests.app.conftest import ABILITIES
 from tests.app.web.http_checks import is_problem
 

@@ -15,7 +15,7 @@ import pytest
 from app.main import running_server
 from app.operations.studies import create, manage
 from app.settings import Settings
-from app.store.access.tokens import SCOPES
+from app.store.access.rights import SCOPES
 from tests.app.web.admin.dashboard_client import ends, files_of, signed_in, zipped
 from tests.app.web.http_checks import is_problem
 

@@ -13,7 +13,7 @@ from app.errors import ConflictError, NotFoundError
 from app.main import create_app
 from app.operations.studies import manage
 from app.settings import Settings
-from app.store.access.tokens import SCOPES
+from app.store.access.rights import SCOPES
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 from tests.app.web.http_checks import all_routes
 

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Dialog, Route, expect
 from app.operations.studies import manage
 from app.operations.studies.create import read_options
 from app.settings import Settings
-from app.study.options.presets import PAPER
+from app.study.kinds import PAPER
 from app.study.options.study_file import parse_study_file
 from tests.app.web.admin.dashboard_client import sign_in
 

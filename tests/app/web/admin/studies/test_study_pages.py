@@ -27,11 +27,11 @@ from app.store.database.keys import new_secret, utc_now
 from app.store.participants.invitations import invitation_by_code
 from app.store.studies.studies import lock_study
 from app.store.trials import admission
+from app.study.kinds import PAPER
 from app.study.options.options import parse_options
 from app.study.options.own_texts import LONGEST_TEXT
 from app.study.options.platforms import WAYS
 from app.study.options.practice import PracticeFilms
-from app.study.options.presets import PAPER
 from app.study.options.study_file import LONGEST_FILE, parse_study_file
 from app.web.admin.layout import unix
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in

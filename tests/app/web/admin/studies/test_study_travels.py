@@ -17,7 +17,7 @@ from app.operations.studies import manage
 from app.operations.studies.create import create_study
 from app.settings import Settings
 from app.simulation.participants import simulate
-from app.store.access.tokens import SCOPES
+from app.store.access.rights import SCOPES
 from app.study.options.options import parse_options
 from tests.app.conftest import ABILITIES
 

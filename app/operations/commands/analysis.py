@@ -1,41 +1,13 @@
-"""The settings of commands, said once for the command line, for the forms of jobs and in JSON Schema."""
+"""The settings of the commands that analyse votes and plan a study."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
 from app.study.planning import CLAIMS, REPORTED, TYPICAL_INCONSISTENCY, TYPICAL_SPREAD, TYPICAL_TIE_RATE, Claim
 from app.study.protocols import EXPOSURE_BOUNDS_S, PC, RATED, Protocol
-from recon.cli.commands import COMMANDS as COMMANDS_OF_RECON
 from recon.cli.commands.setting import OUT, Command, argument, option
-from recon.cli.commands.shared import PRACTICE
-
-
-class StimuliImport(Command):
-    """Of `stimuli import`."""
-
-    folder: Path = argument("Folder with DATASET/CONDITION.mp4; conditions.csv in it gives factors; masters are kept.")
-    out: Path = option(..., "New folder for the stimulus set.", flags=OUT)
-    conform: bool = option(
-        False,
-        "Make films of a dataset alike that differ in size, frame rate or length.",
-        label="Make unlike films alike",
-    )
-    untagged_range: Literal["ask", "limited", "full"] = option(
-        "ask",
-        "Range of films that do not say theirs; ask: refuse those whose values tell that it matters.",
-        flags=("--range",),
-        label="Brightness range where a film does not say it",
-        choices={
-            "ask": "refuse films whose values tell that it matters",
-            "limited": "16 to 235",
-            "full": "0 to 255",
-        },
-        note="",
-    )
-    practice: str | None = option(None, "Dataset of two videos for practice; it is not compared.", **PRACTICE)
 
 
 class Analyse(Command):
@@ -180,7 +152,3 @@ class Plan(Command):
     def is_rated(self) -> bool:
         """Are films rated, rather than pairs compared?"""
         return self.protocol in RATED
-
-
-OF_APP: Mapping[str, type[Command]] = {"stimuli import": StimuliImport, "analyse": Analyse, "plan": Plan}
-COMMANDS: Mapping[str, type[Command]] = {**COMMANDS_OF_RECON, **OF_APP}
