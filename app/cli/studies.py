@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import typer
-from click import get_current_context
 
 from app.cli.shared import LINKS, by_step, once_served, server_settings
 from app.cli.study_flags import GIVEN, CommandWithOptionFlags
@@ -43,14 +42,14 @@ app.add_typer(study_app, name="study")
 
 @study_app.command("create", cls=CommandWithOptionFlags)
 @with_settings(StudyCreate, **LINKS)
-def study_create(asked: StudyCreate, *, as_json: bool) -> None:
+def study_create(asked: StudyCreate, *, context: typer.Context, as_json: bool) -> None:
     """Create a study from a stimulus set, with an open invitation. Flags override the file, and it the preset."""
     with ProgressLine():  # what is loaded takes seconds
         from app.operations.studies.create import create_study, read_options
         from app.study.protocols import typed_scale
         from app.study.stages import PRACTICE
 
-    given = get_current_context().meta[GIVEN]
+    given = context.meta[GIVEN]
     if "scale" in given:
         given["scale"] = typed_scale(given["scale"])
     options = read_options(asked.options, given, asked.preset)

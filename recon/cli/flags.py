@@ -19,11 +19,16 @@ from recon.runtime.notices import Notice
 
 C = TypeVar("C", bound=Command)
 
+BESIDE = (  # the settings, a command may take
+    Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=JsonOption),
+    Parameter("context", Parameter.KEYWORD_ONLY, annotation=typer.Context),
+)
+
 
 def with_settings(
     settings: type[C], **more: dict[str, Any]
 ) -> Callable[[Callable[Concatenate[C, ...], None]], Callable[..., None]]:
-    """Let a command take the settings as its arguments and flags, and `--json` if it takes `as_json`.
+    """Let a command take the settings as its arguments and flags, and what it takes of `BESIDE`.
 
     Parameters
     ----------
@@ -32,18 +37,17 @@ def with_settings(
     """
 
     def decorated(command: Callable[Concatenate[C, ...], None]) -> Callable[..., None]:
-        has_json = "as_json" in signature(command).parameters
+        beside = [part for part in BESIDE if part.name in signature(command).parameters]
 
         @wraps(command)
         def with_flags(**given: Any) -> None:
-            beside = {"as_json": given.pop("as_json")} if has_json else {}
+            others = {part.name: given.pop(part.name) for part in beside}
             asked = _checked(settings, given)
             with telling(Notice):
-                command(asked, **beside)
+                command(asked, **others)
 
         parameters = [_parameter(*field, more.get(field[0], {})) for field in settings_of(settings)]
-        if has_json:
-            parameters.append(Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=JsonOption))
+        parameters += beside
         with_flags.__signature__ = Signature(parameters)  # type: ignore[attr-defined]  # PEP 362
         with_flags.__annotations__ = {each.name: each.annotation for each in parameters}
         return with_flags

@@ -35,7 +35,7 @@ def chain_fields(after: tuple[str, ...]) -> tuple[Field, ...]:
     """
     steps = [*(GOALS[kind] for kind in after), STUDY]
     goals = {goal: ", then ".join(STEPS[step] for step in steps[: number + 1]) for number, goal in enumerate(steps)}
-    names = {name: read_preset(name).summary for name in PRESETS}
+    names: dict[str, str] = {name: read_preset(name).summary for name in PRESETS}
     return (
         Choice(
             name="then",
