@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import islice
+from contextlib import nullcontext
+from functools import partial
+from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +18,11 @@ from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import read_depth
 from recon.validation.clouds import FitError
 from recon.validation.measures import inlier_ratios
+from recon.validation.sphere.fit import refinement
 from recon.validation.sphere.fit.consensus import fit_sphere
 from recon.validation.sphere.fit.kernels import tukey_sums
 from recon.validation.sphere.fit.methods import METHODS
+from recon.validation.sphere.fit.refinement import refine_sphere
 from tests.recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
 
 RADIUS = 150.0
@@ -206,6 +210,22 @@ def test_a_ball_five_kilometres_away_is_refused_for_its_precision_and_one_near_i
     with pytest.raises(ValueError, match=r"single precision has steps of 0\.5 mm: too far away"):
         fit_sphere(points.astype(np.float64) + away, RADIUS)
     fit_sphere(points.astype(np.float64) + away / 20, RADIUS)
+
+
+def test_a_fit_that_stops_micrometres_short_is_done_and_one_that_swings_by_millimetres_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    points, centre = cap(noise=1.0, outliers=0.0)
+    swings = cycle([-0.5, 0.5])
+
+    def step_beyond(*given: object, by: float) -> NDArray[np.float64]:
+        return refined_step(*given) + np.array([next(swings) * by, 0.0, 0.0])  # type: ignore[arg-type]
+
+    refined_step = refinement._step
+    for by, is_done in ((0.02, True), (2.0, False)):
+        monkeypatch.setattr(refinement, "_step", partial(step_beyond, by=by))
+        with nullcontext() if is_done else pytest.raises(FitError, match="did not converge in 60 steps"):
+            assert np.linalg.norm(refine_sphere(points, centre, RADIUS, points).centre - centre) < 1.0
 
 
 @pytest.mark.parametrize("shot", [1, 2, 3, 4])
