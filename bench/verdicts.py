@@ -43,6 +43,7 @@ from app.analysis.screening.disagreement import heterogeneity
 Array = NDArray[np.float64]
 Index = NDArray[np.integer[Any]]
 LOG_ODDS_PER_JOD = float(np.log(3))
+LARGE = 20_000  # people, whose estimate is the truth of pooled scores
 
 
 @dataclass(frozen=True)
