@@ -20,7 +20,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from arguments import print_families
 from sentences_measures import MEASURES
 from sentences_ratings import RATINGS
-from verdicts import LARGE, LOG_ODDS_PER_JOD, Kind, line, study
+from sentences_trials import TRIALS
+from verdicts import LARGE, LOG_ODDS_PER_JOD, Kind, drawn_kind, line, study
 
 from app.analysis.analyse import analyse, scored
 from app.analysis.comparisons.comparison import compare
@@ -175,7 +176,7 @@ def best_lines(n_studies: int, seed: int) -> Iterator[str]:
             said, right = [], []
             for _ in range(n_studies):
                 drawn = spread * rng.standard_normal(kind.conditions)
-                votes, _ = study(_Drawn(**{**vars(kind), "drawn": tuple(drawn)}), rng)
+                votes, _ = study(drawn_kind(kind, drawn), rng)
                 row = max(_scores(votes, settings), key=lambda row: row["score"] or 0.0)
                 if row["p_best"] is not None:
                     said.append(row["p_best"])
@@ -183,21 +184,6 @@ def best_lines(n_studies: int, seed: int) -> Iterator[str]:
             where = f"{people} people, scores differ by {spread}"
             yield line(f"{where}: probability said of the highest score to be the best", said)
             yield line(f"{where}: it is the best", np.array(right, float))
-
-
-class _Drawn(Kind):
-    """A kind of study whose scores are given."""
-
-    drawn: tuple[float, ...]
-
-    def __init__(self, drawn: tuple[float, ...], **fields: Any) -> None:
-        super().__init__(**fields)
-        object.__setattr__(self, "drawn", drawn)
-
-    @property
-    def abilities(self) -> Array:
-        """True scores, log-odds."""
-        return np.array(self.drawn)
 
 
 def _scores(votes: VotesTable, settings: AnalysisSettings) -> list[dict[str, Any]]:
@@ -312,6 +298,7 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {
     "evidence": evidence_lines,
     **MEASURES,
     **RATINGS,
+    **TRIALS,
 }
 
 
