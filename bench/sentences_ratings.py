@@ -9,15 +9,17 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 sys.path.insert(0, str(Path(__file__).parent))
-from verdicts import LARGE, line
+from verdicts import LARGE, Kind, line, study
 
 from app.analysis.model.contrasts import SIGNIFICANT, critical_value
+from app.analysis.ratings.alignment import align
 from app.analysis.ratings.analyse_ratings import analyse_ratings
 from app.analysis.ratings.comparisons import analyse_comparisons
 from app.analysis.ratings.contrasts import rating_contrasts
@@ -168,8 +170,72 @@ def _compared(people: int, order: float, rng: np.random.Generator) -> Comparison
     return ComparisonTable(names, items, person, 6 * dataset + a, 6 * dataset + b, rating, a_first)
 
 
+def rater_lines(n_studies: int, seed: int) -> Iterator[str]:
+    """Print how often intervals of somebody's bias and inconsistency hold."""
+    quality, noise = np.linspace(0.75, -0.75, 6), 0.7
+    for people, spread in ((8, 0.0), (22, 0.0), (22, 0.3)):
+        rng, values = np.random.default_rng(seed), dict[str, list[float]]()
+        for _ in range(n_studies):
+            opinions = spread * rng.standard_normal((people, 1, len(quality)))
+            own = opinions + BIAS * rng.standard_normal((people, 1, 1))
+            ratings = 3 + quality + own + noise * rng.standard_normal((people, 5, len(quality)))
+            rows = analyse_ratings(_rated(np.clip(np.rint(ratings), 1, 5)))["raters"]
+            bias = own.mean(axis=(1, 2)) - own.mean()
+            rounded = noise**2 + 1 / 12  # the variance of grades
+            true = {
+                "bias": bias,
+                "inconsistency": np.sqrt(rounded + (opinions - opinions.mean(axis=0)).var(axis=(1, 2))),
+            }
+            for what, of_each in true.items():
+                held = [
+                    row[f"{what}_low"] <= each <= row[f"{what}_high"]
+                    for row, each in zip(rows, of_each, strict=True)
+                    if row[f"{what}_low"] is not None
+                ]
+                values.setdefault(what, []).append(float(np.mean(held)))
+        yield from (
+            line(f"raters, {people}, opinions of {spread}: {what} holds", each) for what, each in values.items()
+        )
+
+
+SLOPE = 1.5  # log-odds for a grade
+
+
+def alignment_lines(n_studies: int, seed: int) -> Iterator[str]:
+    """Print how often intervals of ratings and votes on one scale hold those of very many people."""
+    many = LARGE // 5
+    for people in (8, 22, 60):
+        true = _aligned(Kind(people=many, datasets=1, range_jod=2.0), np.random.default_rng(seed))
+        rng, values = np.random.default_rng(seed), dict[str, list[float]]()
+        truth = {row["condition"]: row for row in true["alignment_items"]}
+        for _ in range(n_studies):
+            found = _aligned(Kind(people=people, datasets=2, range_jod=2.0), rng)
+            (model,) = found["alignment"]
+            for what in ("quality", "score"):
+                held = [
+                    row[f"{what}_low"] <= truth[row["condition"]][what] <= row[f"{what}_high"]
+                    for row in found["alignment_items"]
+                ]
+                values.setdefault(what, []).append(float(np.mean(held)))
+            slope = true["alignment"][0]["slope"]
+            values.setdefault("slope", []).append(float(model["slope_low"] <= slope <= model["slope_high"]))
+        yield from (line(f"one scale, {people} people: {what} holds", each) for what, each in values.items())
+
+
+def _aligned(kind: Kind, rng: np.random.Generator) -> dict[str, list[dict[str, Any]]]:
+    """Return the alignment of ratings and votes by the same people, whose opinions are the same in both."""
+    votes, scores = study(kind, rng)
+    ratings = (
+        3 + scores / SLOPE + BIAS * rng.standard_normal((kind.people, 1, 1)) + 0.7 * rng.standard_normal(scores.shape)
+    )
+    table = _rated(np.clip(np.rint(ratings), 1, 5))
+    return align(replace(table, items=tuple((d, c.upper()) for d, c in table.items)), votes)
+
+
 RATINGS: dict[str, Callable[[int, int], Iterator[str]]] = {
     "ratings": rating_lines,
     "grades": grade_lines,
     "comparisons": comparison_lines,
+    "raters": rater_lines,
+    "alignment": alignment_lines,
 }

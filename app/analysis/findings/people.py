@@ -49,8 +49,8 @@ NARROW = (  # bench/sentences.py
 )
 FAR_APART = 0.04  # ratio of disagreement less 1, by votes of a person: 0.015 with opinions of 0.4 log-odds, 0.07 of 1.0
 OTHERWISE = (  # bench/sentences.py
-    "In simulations honest people answer half of the repeated pairs otherwise, those who click at random two thirds: "
-    "few repeated pairs say little."
+    "In simulations honest people answer 46 to 57 % of repeated pairs otherwise, those who click at random 64 %: few "
+    "repeated pairs say little."
 )
 LAPSES = 0.2  # lapse rate from which on a sentence names somebody
 
