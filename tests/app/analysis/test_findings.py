@@ -13,6 +13,7 @@ import pytest
 
 from app.analysis import AnalysisSettings, analyse, votes_from_rows, write_analysis
 from app.analysis.report.page import report_page
+from app.analysis.report.sections import sections
 
 DEPTHS, FUSIONS = ("id", "dr", "pm"), ("fa", "fb")
 FACTORS = {
@@ -357,6 +358,13 @@ def test_with_few_people_an_order_effect_that_is_found_is_said_to_look_larger_th
     order = sentences(votes)["order"]
     assert order.startswith("Being shown first helps")
     assert ("looks larger than it is" in order) == is_said
+
+
+def test_the_report_says_that_errors_of_scores_lower_the_correlations_of_measures() -> None:
+    values = {"ball": {"good": 3.0, "fair": 2.0, "bad": 1.0}}
+    analysis = analyse(votes_from_rows(votes_by(CLEAR, 12)), AnalysisSettings(measures={"psnr": values}))
+    (measures,) = (each for each in sections(analysis, {}) if each["title"].startswith("Do objective measures"))
+    assert "Errors of the scores lower correlations, of ranks most" in " ".join(measures["paragraphs"])
 
 
 def test_who_stands_out_is_named_and_nobody_is_where_nobody_does() -> None:
