@@ -153,8 +153,8 @@ def test_intervals_of_few_people_hold_their_bias_and_inconsistency_in_95_percent
         person, item = np.indices(ratings.shape)
         items = tuple(("d", f"c{c}") for c in range(30))
         people = tuple(f"P{j}" for j in range(8))
-        no_reference = np.zeros(30, bool)
-        table = RatingTable(people, items, person.ravel(), item.ravel(), ratings.ravel(), no_reference, "acr", -9.0, 9.0)
+        rows = person.ravel(), item.ravel(), ratings.ravel()
+        table = RatingTable(people, items, *rows, np.zeros(30, bool), "acr", -9.0, 9.0)
         model = fit_subject_model(table)
         half, low, high = rater_intervals(table, model)
         if model.status == "ok":
