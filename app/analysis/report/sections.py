@@ -223,7 +223,7 @@ MEASURES_TEXT = (
 
 ERRORS = (  # bench/sentences.py
     "Errors of the scores lower correlations, of ranks most: in simulations of 22 people the interval of a rank "
-    "correlation of 0.9 holds it in 90 %, not 95 %."
+    "correlation of 0.9 holds it in 88 %, not 95 %."
 )
 
 
