@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 sys.path.insert(0, str(Path(__file__).parent))
 from arguments import print_families
 
-from app.analysis.comparisons.comparison import compare, tested_order, votes_on_dataset
+from app.analysis.comparisons.comparison import compare, votes_on_dataset
 from app.analysis.comparisons.datasets_sample import factor_rows, interaction_rows, pair_p_values
 from app.analysis.comparisons.factor_fits import factor_fits
 from app.analysis.comparisons.factors import fit_additive, votes_with_levels
@@ -43,6 +43,7 @@ from app.analysis.screening.disagreement import heterogeneity
 Array = NDArray[np.float64]
 Index = NDArray[np.integer[Any]]
 LOG_ODDS_PER_JOD = float(np.log(3))
+LARGE = 20_000  # people, whose estimate is the truth of pooled scores
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,24 @@ class Kind:
     def abilities(self) -> Array:
         """True scores, log-odds."""
         return np.linspace(0.5, -0.5, self.conditions) * self.range_jod * LOG_ODDS_PER_JOD
+
+
+class _Drawn(Kind):
+    """A kind of study whose scores are given."""
+
+    def __init__(self, drawn: Array, **fields: Any) -> None:
+        super().__init__(**fields)
+        object.__setattr__(self, "drawn", drawn)
+
+    @property
+    def abilities(self) -> Array:
+        """True scores, log-odds."""
+        return np.asarray(self.__dict__["drawn"])
+
+
+def drawn_kind(kind: Kind, drawn: Array) -> Kind:
+    """Return a kind of study with these true scores, (n,) or on each dataset (D, n)."""
+    return _Drawn(drawn, **vars(kind))
 
 
 def study(kind: Kind, rng: np.random.Generator) -> tuple[VotesTable, Array]:
@@ -319,24 +338,12 @@ def extreme_lines(n_studies: int, seed: int) -> Iterator[str]:
             yield line(f"best against worst, {where}, simultaneous, where printed", printed)
 
 
-def order_lines(n_studies: int, seed: int) -> Iterator[str]:
-    """Print how often an order effect is said to be there, and put into the models."""
-    settings = AnalysisSettings()
-    for people in (8, 22, 60):
-        for order in (0.0, 0.3):
-            kind, rng = Kind(people=people, order=order), np.random.default_rng(seed)
-            tested = [tested_order(study(kind, rng)[0], settings)[1] for _ in range(n_studies)]
-            hits = [row is not None and row["is_in_model"] for row in tested]
-            yield line(f"order effect in the models: {people} people, effect of {order}", hits)
-
-
 FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {
     "careless": careless_lines,
     "disagreement": disagreement_lines,
     "datasets": dataset_lines,
     "factors": factor_lines,
     "extreme": extreme_lines,
-    "order": order_lines,
 }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from app.analysis.findings.factors import factor_findings, p_of_test
-from app.analysis.findings.ranking import here, overall, preferred_share
+from app.analysis.findings.ranking import here, of_few, overall, preferred_share
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, critical_value, holm
 from app.analysis.objective.prediction import directed, measures_by_rank
 from app.analysis.reading.phrases import (
@@ -95,10 +95,11 @@ def _order(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         yield finding("order", f"No effect of being shown first is shown ({size}).")
     else:
         share = percent(preferred_share(effect, model.get("log_theta") or 0.0))
+        few = of_few(analysis, "effect")
         yield finding(
             "order",
             f"Being shown first {'helps' if effect > 0 else 'harms'}: of two equal conditions, the model predicts, the "
-            f"first is preferred in {share} of decided votes ({size}). The scores are free of it.",
+            f"first is preferred in {share} of decided votes ({size}){few}. The scores are free of it.",
         )
 
 

@@ -317,7 +317,7 @@ def _difference(best: str, worst: str, analysis: Mapping[str, Any], model: Row) 
     return (
         f"{votes} the model predicts {share} ({interval(low, high)}{_cautious(analysis)}), "
         f"{size_of(preferred_share(pair['difference'], log_theta))}, "
-        f"{p_phrase(pair['p_holm'])} (Holm{',' if where else ''}{where}){_doubt(pair)}{_of_few(analysis)}."
+        f"{p_phrase(pair['p_holm'])} (Holm{',' if where else ''}{where}){_doubt(pair)}{of_few(analysis, 'difference')}."
     )
 
 
@@ -327,11 +327,11 @@ def _cautious(analysis: Mapping[str, Any]) -> str:
     return ", simultaneous over all pairs and so cautious for one" if several else ""
 
 
-def _of_few(analysis: Mapping[str, Any]) -> str:
+def of_few(analysis: Mapping[str, Any], what: str) -> str:
     """Say that what few people show is larger than it is, for which no interval allows (docs/simulation.md)."""
     people = analysis["votes"]["participants"]
     is_few = people is not None and 1 < people < FEWEST_PARTICIPANTS
-    return "; with so few people, a small difference that is found looks larger than it is" if is_few else ""
+    return f"; with so few people, a small {what} that is found looks larger than it is" if is_few else ""
 
 
 def size_of(share: float) -> str:

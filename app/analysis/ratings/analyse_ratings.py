@@ -19,7 +19,14 @@ from app.analysis.ratings.outliers import (
     false_alarms,
     screen_observers,
 )
-from app.analysis.ratings.subject_model import COMMON, FEWEST_RATINGS, SubjectModel, fit_subject_model
+from app.analysis.ratings.subject_model import (
+    COMMON,
+    FEWEST_RATINGS,
+    Array,
+    SubjectModel,
+    fit_subject_model,
+    rater_intervals,
+)
 from app.analysis.ratings.table import RatingTable
 from app.analysis.reading.phrases import listed
 from app.analysis.screening.careless import FALSE_ALARMS
@@ -100,6 +107,7 @@ def _rater_rows(table: RatingTable, model: SubjectModel) -> Iterator[dict[str, A
     totals = np.bincount(table.person, table.rating, minlength=len(table.participants))
     others = correlations_with_others(table)
     alarms = false_alarms(others)
+    limits = rater_intervals(table, model)
     grades = [set(table.rating[table.person == person]) for person in range(len(table.participants))]
     for index, correlation in enumerate(correlations_with_means(table)):
         n = int(screening.n_ratings[index])
@@ -107,7 +115,7 @@ def _rater_rows(table: RatingTable, model: SubjectModel) -> Iterator[dict[str, A
             "participant": table.participants[index],
             "n_ratings": n,
             "mean": float(totals[index]) / n if n else None,
-            **_rater_model(model, index),
+            **_rater_model(model, limits, index),
             "correlation": correlation,
             "bt500_above": int(screening.above[index]),
             "bt500_below": int(screening.below[index]),
@@ -122,20 +130,19 @@ def _rater_rows(table: RatingTable, model: SubjectModel) -> Iterator[dict[str, A
         yield row | {"flags": list(_flags(row)), "remarks": list(_remarks(row))}
 
 
-def _rater_model(model: SubjectModel, index: int) -> dict[str, Any]:
+def _rater_model(model: SubjectModel, limits: tuple[Array, Array, Array], index: int) -> dict[str, Any]:
     bias, spread = float(model.bias[index]), float(model.inconsistency[index])
     if np.isnan(bias):
         names = ("bias", "bias_low", "bias_high", "inconsistency", "inconsistency_low", "inconsistency_high")
         return dict.fromkeys(names)
-    half, factor = Z * float(model.bias_se[index]), float(np.exp(Z * model.log_inconsistency_se[index]))
-    low, high = _or_none(spread / factor), _or_none(spread * factor)
+    half, low, high = (float(part[index]) for part in limits)
     return {
         "bias": bias,
         "bias_low": bias - half,
         "bias_high": bias + half,
         "inconsistency": spread,
-        "inconsistency_low": low,
-        "inconsistency_high": high,
+        "inconsistency_low": _or_none(low),
+        "inconsistency_high": _or_none(high),
     }
 
 

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.stats import chi2
+from scipy.stats import t as student
 
+from app.analysis.model.settings import LEVEL
 from app.analysis.ratings.table import RatingTable
 
 Array = NDArray[np.float64]
@@ -22,6 +25,7 @@ COLLAPSED = 1e-3
 TOLERANCE = 1e-10  # of the scale's length, between iterations
 MOST_ITERATIONS = 10_000
 COMMON = "common inconsistency"
+UPPER = (1 + LEVEL) / 2
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,35 @@ def fit_subject_model(table: RatingTable) -> SubjectModel:
     result.log_inconsistency_se[people] = log_se
     loglik = -float(np.bincount(person) @ np.log(fit.inconsistency)) - len(rating) * (1 + np.log(2 * np.pi)) / 2
     return replace(result, iterations=fit.iterations, loglik=loglik)
+
+
+def rater_intervals(table: RatingTable, model: SubjectModel) -> tuple[Array, Array, Array]:
+    """Return half the width of each bias's 95 % interval, and the limits of each inconsistency's; NaN where unknown.
+
+    Maximum likelihood takes somebody's residues for all of the noise, but their bias, and the qualities as far as they
+    follow this person's weight, have taken a part: of n ratings n (1 - weight) - 1 or so are left, which chi-square and
+    t take as degrees of freedom. Without that the intervals of 8 people hold in 81 and 92 % (bench/sentences.py).
+
+    Parameters
+    ----------
+    table : RatingTable
+    model : of this table
+
+    Returns
+    -------
+    bias_half, inconsistency_low, inconsistency_high, float64 (P,) each
+    """
+    if model.status != "ok":
+        nothing = np.full(len(model.bias), np.nan)
+        return student.ppf(UPPER, np.inf) * model.bias_se, nothing, nothing
+    weight = np.nan_to_num(model.inconsistency, nan=np.inf) ** -2.0
+    of_item = np.bincount(table.item, weight[table.person])[table.item]
+    share = np.divide(weight[table.person], of_item, out=np.zeros(len(of_item)), where=of_item > 0)
+    n = np.bincount(table.person, minlength=len(weight)).astype(np.float64)
+    freedom = np.maximum((n - 1) * (1 - np.bincount(table.person, share, len(n)) / np.maximum(n, 1)), 1.0)
+    low, high = (model.inconsistency * np.sqrt(n / chi2.ppf(end, freedom)) for end in (UPPER, 1 - UPPER))
+    half = student.ppf(UPPER, freedom) * model.bias_se * np.sqrt(n / freedom)
+    return half, np.minimum(low, model.inconsistency), high
 
 
 def _without_estimates(table: RatingTable, status: str) -> SubjectModel:

@@ -221,6 +221,12 @@ MEASURES_TEXT = (
 )
 
 
+ERRORS = (  # bench/sentences.py
+    "Errors of the scores lower correlations, of ranks most: in simulations of 22 people the interval of a rank "
+    "correlation of 0.9 holds it in 88 %, not 95 %."
+)
+
+
 def _chance_text(n_measures: int) -> str:
     expected = n_measures * 0.05
     many = (
@@ -230,9 +236,9 @@ def _chance_text(n_measures: int) -> str:
     )
     return (
         "Intervals (95 %) and p-values hold for the measure: they come from permuting the conditions, the same way on "
-        f"all datasets, so they take conditions as exchangeable.{many} A measure whose lower values are better should "
-        "have negative correlations; pairs and areas already count in its direction, or in that of the rank "
-        "correlation where none is stated (“better” is a dash), which flatters the measure."
+        f"all datasets, so they take conditions as exchangeable.{many} {ERRORS} A measure whose lower values are "
+        "better should have negative correlations; pairs and areas already count in its direction, or in that of the "
+        "rank correlation where none is stated (“better” is a dash), which flatters the measure."
     )
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from app.analysis import AnalysisSettings, analyse, votes_from_rows, write_analysis
 from app.analysis.report.page import report_page
+from app.analysis.report.sections import sections
 
 DEPTHS, FUSIONS = ("id", "dr", "pm"), ("fa", "fb")
 FACTORS = {
@@ -332,6 +333,38 @@ def test_one_p_value_of_several_datasets_is_no_agreement_beyond_chance() -> None
     pair_of_people = [row | {"p_value": None} for row in rows]
     agreed = [text["text"] for text in people_findings(analysis | {"agreement": pair_of_people})]
     assert agreed[0].endswith("Kendall's u = 0.02 on average over 5 datasets.")
+
+
+@pytest.mark.parametrize(("role", "is_said"), [("repeat", True), ("identical", False)])
+def test_a_repeated_pair_that_is_answered_otherwise_is_said_to_be_what_honest_people_do_too(
+    role: str, is_said: bool
+) -> None:
+    votes = votes_by(CLEAR, 6)
+    again = [vote | {"role": role, "choice": "b"} for vote in votes[::3]]
+    again = again if is_said else [vote | {"item_b": vote["item_a"], "first_shown": vote["item_a"]} for vote in again]
+    checks = sentences([*(vote | {"role": "main"} for vote in votes), *again])["checks"]
+    assert ("repeated pair" in checks) == is_said
+    assert ("honest people" in checks) == is_said
+
+
+@pytest.mark.parametrize(("people", "is_said"), [(11, True), (12, False)])
+def test_with_few_people_an_order_effect_that_is_found_is_said_to_look_larger_than_it_is(
+    people: int, is_said: bool
+) -> None:
+    votes = [
+        vote | {"choice": "a" if vote["first_shown"] == vote["item_a"] else "b"} if number % 4 else vote
+        for number, vote in enumerate(votes_by(dict.fromkeys("abcdef", 0.0), people))
+    ]
+    order = sentences(votes)["order"]
+    assert order.startswith("Being shown first helps")
+    assert ("looks larger than it is" in order) == is_said
+
+
+def test_the_report_says_that_errors_of_scores_lower_the_correlations_of_measures() -> None:
+    values = {"ball": {"good": 3.0, "fair": 2.0, "bad": 1.0}}
+    analysis = analyse(votes_from_rows(votes_by(CLEAR, 12)), AnalysisSettings(measures={"psnr": values}))
+    (measures,) = (each for each in sections(analysis, {}) if each["title"].startswith("Do objective measures"))
+    assert "Errors of the scores lower correlations, of ranks most" in " ".join(measures["paragraphs"])
 
 
 def test_who_stands_out_is_named_and_nobody_is_where_nobody_does() -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from app.analysis.ratings.subject_model import COMMON, fit_subject_model
+from app.analysis.ratings.subject_model import COMMON, fit_subject_model, rater_intervals
 from app.analysis.ratings.table import RatingTable
 from tests.app.analysis.ratings.rated_tables import (
     SUREAL_BIAS,
@@ -142,3 +142,23 @@ def test_a_single_item_rated_often_has_the_mean_of_consistent_participants_as_qu
     assert model.quality == pytest.approx([ratings.mean()])
     assert model.inconsistency == pytest.approx(ratings.std(axis=1))
     assert model.quality_covariance[0, 0] == pytest.approx((ratings.var(axis=1) / 3).sum() / 9)
+
+
+def test_intervals_of_few_people_hold_their_bias_and_inconsistency_in_95_percent() -> None:
+    rng = np.random.default_rng(1)
+    held: list[list[float]] = []
+    for _ in range(60):
+        bias = 0.4 * rng.standard_normal(8)
+        ratings = 3 + np.linspace(0.75, -0.75, 30) + bias[:, None] + 0.7 * rng.standard_normal((8, 30))
+        person, item = np.indices(ratings.shape)
+        items = tuple(("d", f"c{c}") for c in range(30))
+        people = tuple(f"P{j}" for j in range(8))
+        rows = person.ravel(), item.ravel(), ratings.ravel()
+        table = RatingTable(people, items, *rows, np.zeros(30, bool), "acr", -9.0, 9.0)
+        model = fit_subject_model(table)
+        half, low, high = rater_intervals(table, model)
+        if model.status == "ok":
+            held.append([(abs(model.bias - bias + bias.mean()) <= half).mean(), ((low <= 0.7) & (high >= 0.7)).mean()])
+    of_bias, of_inconsistency = np.mean(held, axis=0)
+    assert 0.93 <= of_bias <= 0.98  # normal limits with the ratings' number: 0.91
+    assert 0.92 <= of_inconsistency <= 0.98  # 0.81
