@@ -104,6 +104,15 @@ def test_an_image_that_is_cut_off_is_never_read_as_whole(tmp_path: Path, suffix:
         read_image(path)
 
 
+def test_a_png_whose_part_announces_more_than_the_file_is_refused_without_room_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "damaged.png"
+    content = bytearray(cv2.imencode(".png", np.zeros((4, 5, 3), np.uint8))[1].tobytes())
+    content[content.index(b"IDAT") - 4] = 0xFF  # of the length: four gigabytes
+    path.write_bytes(content)
+    with pytest.raises(CaptureError, match="before the end of its picture, or damaged"):
+        read_image(path)
+
+
 def test_an_image_with_too_many_pixels_is_named(tmp_path: Path) -> None:
     path = tmp_path / "huge.png"
     cv2.imwrite(str(path), np.zeros((8, 8, 3), np.uint8))
