@@ -1,8 +1,7 @@
 """TIFF pictures: Pillow reads those of 8 bits, OpenCV those of 16, and what neither reads right is refused.
 
-OpenCV multiplies colours of 8 bits by their transparency, mixes up 16 bits whose channels lie apart, and inverts 16 bits
-where 0 is white. Both turn a picture that says how its camera was held away from its calibration, and take the first of
-several.
+OpenCV multiplies colours of 8 bits by their transparency, mixes up 16 bits whose channels lie apart, and inverts 16
+bits where 0 is white. Both turn a picture that says how its camera was held, and take the first of several.
 """
 
 from __future__ import annotations
