@@ -29,6 +29,7 @@ from recon.capture.importing.depth_cameras.bags import import_bag
 from recon.capture.importing.depth_cameras.kinect import import_kinect
 from recon.capture.importing.depth_cameras.sequences import read_scannet, read_tum
 from recon.capture.importing.into_capture import write_recording
+from recon.capture.importing.json_file import SAYS as JSON_SAYS
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.meshroom import SFM_FILES, import_meshroom
 from recon.capture.importing.middlebury import FPS, TEMPLE_PAIRS, import_middlebury
@@ -346,7 +347,7 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         lambda source, out, options: import_json(source, out, options, shots=options.shots),
         ("*.json",),
         "[for everything else](capture.md#the-json), also `held_out`",
-        r'"sensors"|"K_left"',
+        JSON_SAYS,
         ("units", "up", "shots"),
     ),
 }
