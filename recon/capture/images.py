@@ -29,6 +29,7 @@ PNG_START, PNG_HEAD, PNG_END = b"\x89PNG", 8, b"IEND"
 JPEG_START = b"\xff\xd8"
 JPEG_END = b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
 JPEG_SCAN = b"\xff\xda"
+COMBINED = "Combined"  # the layer of Blender's that is the picture
 SENSOR_BITS = 12  # that cameras give; some programs write them into the lower bits of 16
 
 
@@ -80,15 +81,21 @@ def _tiff(path: Path, content: bytes) -> Pixels:
 
 
 def _light(path: Path) -> NDArray[np.floating]:
-    """Return the linear light (H, W, 3) of an EXR picture, whose channels may belong to a layer."""
+    """Return the linear light (H, W, 3) of an EXR picture: of no layer, of the only one, or of Blender's `Combined`."""
     try:
-        channels = {name.split(".")[-1].upper(): values for name, values in exr_channels(path).items()}
+        channels = exr_channels(path)
     except (ValueError, OSError) as error:
         raise CaptureError(str(error)) from error
-    chosen = [channels.get(name, channels.get("Y")) for name in "RGB"]
-    if any(values is None or values.dtype.kind != "f" for values in chosen):
-        raise CaptureError(f"{path}: holds the channels {', '.join(channels)}, expected light in R, G, B or Y")
-    return np.stack([np.nan_to_num(np.asarray(values, np.float32)) for values in chosen], axis=-1)
+    layers: dict[str, dict[str, NDArray[Any]]] = {}
+    for name, values in channels.items():
+        layer, _, channel = name.rpartition(".")
+        layers.setdefault(layer, {})[channel.upper()] = values
+    lit = {layer: named for layer, named in layers.items() if {*"RGB"} <= {*named} or ({"Y"} <= {*named} <= {*"YA"})}
+    named = [layer for layer in lit if len(lit) == 1 or not layer or layer.endswith(COMBINED)]
+    light = [lit[named[0]].get(name, lit[named[0]].get("Y")) for name in "RGB"] if len(named) == 1 else []
+    if not light or any(values is None or values.dtype.kind != "f" for values in light):
+        raise CaptureError(f"{path}: holds the channels {', '.join(channels)}, expected light in R, G, B or Y, once")
+    return np.stack([np.nan_to_num(np.asarray(values, np.float32)) for values in light], axis=-1)
 
 
 def read_stored_image(path: Path) -> NDArray[np.generic]:
