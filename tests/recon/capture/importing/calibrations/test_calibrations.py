@@ -438,6 +438,14 @@ def test_every_format_has_a_name_for_people() -> None:
         ("calibrationdata.tar.gz", "", r"but calibrationdata\.tar\.gz is an archive; unpack it, and name the folder"),
         ("house.psx", "", "but house.psx is Metashape's; export its cameras in COLMAP's format"),
         ("sfm_data.json", "{}", r"but sfm_data\.json is of a program whose cameras are not read; export them"),
+        (
+            "cameras.xml",
+            '<document version="2.0.0">\n  <chunk label="1">',
+            r"but cameras\.xml is Metashape's; export its",
+        ),
+        ("cameras.csv", "#cameras 2\n#name,x,y,alt,heading", r"but cameras\.csv is of a program whose cameras are not"),
+        ("a.xml", '<?xml?><BlocksExchange version="3.2">', r"but a\.xml is of a program whose cameras are not read"),
+        ("a.json", "[]", r"nearest is json, which has \*\.json"),
         ("calib.npz", "", r"but calib\.npz is Python's own; write the matrices as `opencv`"),
     ],
 )
