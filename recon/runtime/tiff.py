@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageSequence
+from PIL.TiffImagePlugin import TiffImageFile
 
 GREY_OR_RGB = (1, 2)  # colours of 16 bits that OpenCV reads right, by TIFF's number
 BITS, COLOURS, ORIENTATION, PLANES, FORMAT = 258, 262, 274, 284, 339  # tags
@@ -31,6 +32,7 @@ def read_tiff(content: bytes) -> NDArray[Any]:
     """
     try:
         with Image.open(BytesIO(content), formats=("TIFF",)) as picture:
+            assert isinstance(picture, TiffImageFile), "no other format was allowed"
             bits = max(picture.tag_v2.get(BITS, (1,)))
             unread = _unread(picture, bits)
             pixels = None if unread else _sixteen(content) if bits > 8 else np.asarray(picture.convert("RGB"))
@@ -41,9 +43,9 @@ def read_tiff(content: bytes) -> NDArray[Any]:
     return pixels
 
 
-def _unread(picture: Image.Image, bits: int) -> str:
+def _unread(picture: TiffImageFile, bits: int) -> str:
     """Return what a picture has that neither library reads as it is meant, or nothing."""
-    tags = picture.tag_v2  # type: ignore[attr-defined]  # of a TIFF
+    tags = picture.tag_v2
     if bits > 16 or set(tags.get(FORMAT, (1,))) != {1}:
         return f"of {bits} bits a channel, floating or signed"
     if tags.get(ORIENTATION, 1) != 1:
