@@ -16,17 +16,20 @@ from numpy.typing import NDArray
 from recon.geometry.srgb import srgb_bytes
 from recon.runtime.exr import exr_channels
 from recon.runtime.files import write_bytes
+from recon.runtime.tiff import read_tiff
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")  # of a capture's pictures
-TIFF_SUFFIXES = (".tif", ".tiff")  # of 16 bits, OpenCV 5.0 turns to noise what it shall give as RGB
-PICTURE_SUFFIXES = (*IMAGE_SUFFIXES, ".bmp", *TIFF_SUFFIXES, ".pgm", ".ppm", ".pnm", ".exr")  # that are imported
+PICTURE_SUFFIXES = (*IMAGE_SUFFIXES, ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".pnm", ".exr")  # that are imported
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
 SPENT = sys.maxsize  # a decoder's next frame after a failure: every later call starts again
 MAX_OPEN_VIDEOS = 64  # decoders kept open per process: 32 sensors
 Pixels = NDArray[np.unsignedinteger[Any]]  # uint8 or uint16
+TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # the last two of BigTIFF
+PNG_START, PNG_HEAD, PNG_END = b"\x89PNG", 8, b"IEND"
 JPEG_START = b"\xff\xd8"
 JPEG_END = b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
 JPEG_SCAN = b"\xff\xda"
+COMBINED = "Combined"  # the layer of Blender's that is the picture
 SENSOR_BITS = 12  # that cameras give; some programs write them into the lower bits of 16
 
 
@@ -60,23 +63,39 @@ def read_deep_image(path: Path) -> Pixels:
     """
     if path.suffix.lower() == ".exr":
         return srgb_bytes(_light(path))
-    flags = cv2.IMREAD_COLOR if path.suffix.lower() in TIFF_SUFFIXES else cv2.IMREAD_COLOR_RGB
-    pixels: Pixels = np.asarray(_decoded(path, flags | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION))
-    if pixels.dtype not in (np.uint8, np.uint16):
-        raise CaptureError(f"{path}: holds {pixels.dtype}, expected whole numbers of 8 or 16 bits; or write it as EXR")
-    return pixels if flags == cv2.IMREAD_COLOR_RGB else np.ascontiguousarray(pixels[..., ::-1])
+    content = _image_bytes(path)
+    if content[:4].tobytes() in TIFF_STARTS:
+        return _tiff(path, content.tobytes())
+    flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    return np.asarray(_decoded(path, content, flags))
+
+
+def _tiff(path: Path, content: bytes) -> Pixels:
+    try:
+        return read_tiff(content)
+    except ValueError as error:
+        raise CaptureError(
+            f"{path}: {error}; expected one picture of 8 or 16 bits, grey or RGB: write it as PNG, floating numbers as "
+            "EXR"
+        ) from error
 
 
 def _light(path: Path) -> NDArray[np.floating]:
-    """Return the linear light (H, W, 3) of an EXR picture, whose channels may belong to a layer."""
+    """Return the linear light (H, W, 3) of an EXR picture: of no layer, of the only one, or of Blender's `Combined`."""
     try:
-        channels = {name.split(".")[-1].upper(): values for name, values in exr_channels(path).items()}
+        channels = exr_channels(path)
     except (ValueError, OSError) as error:
         raise CaptureError(str(error)) from error
-    chosen = [channels.get(name, channels.get("Y")) for name in "RGB"]
-    if any(values is None or values.dtype.kind != "f" for values in chosen):
-        raise CaptureError(f"{path}: holds the channels {', '.join(channels)}, expected light in R, G, B or Y")
-    return np.stack([np.nan_to_num(np.asarray(values, np.float32)) for values in chosen], axis=-1)
+    layers: dict[str, dict[str, NDArray[Any]]] = {}
+    for name, values in channels.items():
+        layer, _, channel = name.rpartition(".")
+        layers.setdefault(layer, {})[channel.upper()] = values
+    lit = {layer: named for layer, named in layers.items() if {*"RGB"} <= {*named} or ({"Y"} <= {*named} <= {*"YA"})}
+    named = [layer for layer in lit if len(lit) == 1 or not layer or layer.endswith(COMBINED)]
+    light = [lit[named[0]].get(name, lit[named[0]].get("Y")) for name in "RGB"] if len(named) == 1 else []
+    if not light or any(values is None or values.dtype.kind != "f" for values in light):
+        raise CaptureError(f"{path}: holds the channels {', '.join(channels)}, expected light in R, G, B or Y, once")
+    return np.stack([np.nan_to_num(np.asarray(values, np.float32)) for values in light], axis=-1)
 
 
 def read_stored_image(path: Path) -> NDArray[np.generic]:
@@ -84,7 +103,7 @@ def read_stored_image(path: Path) -> NDArray[np.generic]:
 
     For callers that must not take a grey or a 16-bit image for a colour image of 8 bits; raises as `read_image` does.
     """
-    pixels = _decoded(path, cv2.IMREAD_UNCHANGED)
+    pixels = _decoded(path, _image_bytes(path), cv2.IMREAD_UNCHANGED)
     return np.ascontiguousarray(pixels if pixels.ndim == 2 else pixels[..., 2::-1])
 
 
@@ -185,9 +204,9 @@ def _check_upper_bits(path: Path, pixels: NDArray[np.integer]) -> None:
         )
 
 
-def _decoded(path: Path, flags: int) -> NDArray[Any]:
+def _decoded(path: Path, content: NDArray[np.uint8], flags: int) -> NDArray[Any]:
     try:
-        pixels = cv2.imdecode(_image_bytes(path), flags)
+        pixels = cv2.imdecode(content, flags)
     except cv2.error as error:  # more pixels than OpenCV takes
         raise CaptureError(f"{path}: is not readable as an image: {error.err}") from error
     if pixels is None:
@@ -202,14 +221,31 @@ def _image_bytes(path: Path) -> NDArray[np.uint8]:
         raise CaptureError(f"{path}: there is no such image") from error
     except OSError as error:
         raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
-    if content.startswith(JPEG_START) and is_cut_jpeg(content):
-        raise CaptureError(f"{path}: is cut off after {len(content)} bytes, before the end of its JPEG data")
+    if is_cut(content):
+        raise CaptureError(f"{path}: is cut off after {len(content)} bytes, before the end of its picture, or damaged")
     if not content:
         raise CaptureError(f"{path}: is empty")
     return np.frombuffer(content, dtype=np.uint8)
 
 
-def is_cut_jpeg(content: bytes) -> bool:
+def is_cut(content: bytes) -> bool:
+    """Tell whether a PNG or JPEG lacks the end of its own data."""
+    if content.startswith(PNG_START):
+        return _is_cut_png(content)
+    return content.startswith(JPEG_START) and _is_cut_jpeg(content)
+
+
+def _is_cut_png(content: bytes) -> bool:
+    """Tell whether a part of a PNG announces more bytes than follow: OpenCV would ask for gigabytes."""
+    place = PNG_HEAD
+    while place + PNG_HEAD <= len(content):
+        if content[place + 4 : place + 8] == PNG_END:
+            return False
+        place += 12 + int.from_bytes(content[place : place + 4], "big")  # its length, kind and checksum
+    return True
+
+
+def _is_cut_jpeg(content: bytes) -> bool:
     """Tell whether a JPEG lacks the end of its own data.
 
     These begin after segments that may hold a thumbnail with an end of its own; and phones append a film or notes, so

@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from recon.capture.images import JPEG_START, is_cut_jpeg
+from recon.capture.images import is_cut
 from recon.runtime.files import first_of
 
 NEUTRAL = 170  # sRGB grey of what has no colour
 FARTHEST = 1e12  # of a coordinate; beyond it is no scene, and areas would overflow
-PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +166,7 @@ def decode_picture(content: bytes, name: str) -> NDArray[np.uint8]:
     ValueError
         If it is cut off, too large, or no picture.
     """
-    is_cut = content.startswith(JPEG_START) and is_cut_jpeg(content)
-    if is_cut or (content.startswith(PNG_START) and PNG_END not in content):
+    if is_cut(content):
         raise ValueError(f"its texture {name} is cut off after {len(content)} bytes")
     pixels = None
     try:

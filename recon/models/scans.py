@@ -20,15 +20,15 @@ from recon.runtime.backend import open3d
 
 HEADER_BYTES = 4096
 PCD_KEYS = ("FIELDS", "SIZE", "TYPE", "COUNT", "POINTS", "DATA")
-NUMBER = re.compile("[1-9][0-9]{0,15}")
+NUMBER = "[1-9][0-9]{0,15}", "a whole number from 1"
 PCD_VALUES = {  # what Open3D believes, and would read memory by
-    "SIZE": re.compile("[1248]"),
-    "TYPE": re.compile("[FUI]"),
-    "COUNT": re.compile("[1-9][0-9]{0,3}"),
+    "SIZE": ("[1248]", "1, 2, 4 or 8"),
+    "TYPE": ("[FUI]", "F, U or I"),
+    "COUNT": ("[1-9][0-9]{0,3}", "a whole number from 1 to 9999"),
     "WIDTH": NUMBER,
     "HEIGHT": NUMBER,
     "POINTS": NUMBER,
-    "DATA": re.compile("ascii|binary|binary_compressed"),
+    "DATA": ("ascii|binary|binary_compressed", "ascii, binary or binary_compressed"),
 }
 SHORTEST_LINE = 6  # bytes of a point as text
 MOST_PACKED = 264  # times that LZF can shrink
@@ -74,10 +74,11 @@ def _announced_pcd(path: Path) -> int:
     header.setdefault("HEIGHT", ["1"])
     if any(key not in header for key in PCD_KEYS) or not {"x", "y", "z"} <= {*header["FIELDS"]}:
         raise ValueError(f"is no PCD of points: its header lacks {', '.join(PCD_KEYS)}, or x, y, z among its fields")
-    for key, expected in PCD_VALUES.items():
+    for key, (form, expected) in PCD_VALUES.items():
         n = len(header["FIELDS"]) if key in ("SIZE", "TYPE", "COUNT") else 1
-        if len(header[key]) != n or not all(map(expected.fullmatch, header[key])):
-            raise ValueError(f"its header has {key} {' '.join(header[key])[:80]}, expected {n} of {expected.pattern}")
+        if len(header[key]) != n or not all(re.fullmatch(form, value) for value in header[key]):
+            each = f"{n} values, each {expected}" if n > 1 else expected
+            raise ValueError(f"its header has {key} {' '.join(header[key])[:80]}, expected {each}")
     n_points, body = int(header["POINTS"][0]), path.stat().st_size - place
     if int(header["WIDTH"][0]) * int(header["HEIGHT"][0]) != n_points:
         raise ValueError(f"announces {n_points} points, but its WIDTH and HEIGHT do not")

@@ -39,12 +39,17 @@ def _check_announced(path: Path) -> None:
     n_bytes = int.from_bytes(rest[:4], "little")
     if name and n_bytes > LONGEST_LIST:
         raise ValueError(f"{path}: lists channels in {n_bytes} bytes, expected {LONGEST_LIST} at most")
-    _, name, rest = header.partition(b"dataWindow\0box2i\0")
-    if not name or len(rest) < 20:
+    windows = [header.partition(name + b"Window\0box2i\0")[2][4:20] for name in (b"data", b"display")]
+    if len(windows[0]) < 16:
         return
-    left, top, right, bottom = struct.unpack_from("<4i", rest, 4)
+    left, top, right, bottom = struct.unpack("<4i", windows[0])
     width, height = right - left + 1, bottom - top + 1
     if width * height * BYTES_A_PIXEL > MOST_PACKED * path.stat().st_size:
         raise ValueError(
             f"{path}: announces {width}x{height} pixels, more than its {path.stat().st_size} bytes can hold"
+        )
+    if windows[0] != windows[1] and len(windows[1]) == 16:
+        raise ValueError(
+            f"{path}: shows {width}x{height} pixels from ({left}, {top}) on, which are not its whole picture; write it "
+            "whole, its data window being its display window"
         )

@@ -16,6 +16,7 @@ from recon.capture.images import (
     IMAGE_SUFFIXES,
     JPEG_START,
     PICTURE_SUFFIXES,
+    PNG_START,
     CaptureError,
     Pixels,
     is_video,
@@ -30,7 +31,7 @@ from recon.runtime.files import allowed
 
 CAMERA_BITS = (8, 10, 12, 14)  # that programs write into the lower bits of 16
 FULL = 65535
-STARTS = {".png": b"\x89PNG", ".jpg": JPEG_START, ".jpeg": JPEG_START}  # of the files that are copied as they are
+STARTS = {".png": PNG_START, ".jpg": JPEG_START, ".jpeg": JPEG_START}  # of the files that are copied as they are
 HEAD_BYTES = 512
 PNM_LARGEST = re.compile(rb"P[2356]\s(?:\s*#[^\n]*\n)*\s*\d+\s+(?:#[^\n]*\n\s*)*\d+\s+(?:#[^\n]*\n\s*)*(\d+)\s")
 

@@ -29,6 +29,7 @@ from recon.capture.importing.depth_cameras.bags import import_bag
 from recon.capture.importing.depth_cameras.kinect import import_kinect
 from recon.capture.importing.depth_cameras.sequences import read_scannet, read_tum
 from recon.capture.importing.into_capture import write_recording
+from recon.capture.importing.json_file import SAYS as JSON_SAYS
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.meshroom import SFM_FILES, import_meshroom
 from recon.capture.importing.middlebury import FPS, TEMPLE_PAIRS, import_middlebury
@@ -47,14 +48,17 @@ TEMPLE_FRAMES = 3
 PLACED = ("pairs", "units", "up")  # options of most formats
 
 
-ELSEWHERE = {  # endings of what is not read, and the way out
-    r"\.(zip|tar|gz|tgz|bz2|xz|7z|rar)$": "is an archive; unpack it, and name the folder",
-    r"\.(psx|psz)$": "is Metashape's; export its cameras in COLMAP's format, with the undistorted pictures",
-    r"^(bundle.*\.out|.*\.nvm|sfm_data\.(json|bin)|.*\.rcproj)$": "is of a program whose cameras are not read; export "
-    "them in COLMAP's format",
-    r"\.svo2?$": "is Stereolabs' own recording; export its rectified pictures, and their calibration as `json`",
-    r"\.(npz|npy|pkl)$": "is Python's own; write the matrices as `opencv` with cv2.FileStorage",
+ELSEWHERE = {  # of what is not read, by its name and the beginning of a table or XML after it; and the way out
+    r"^[^\n]*\.(zip|tar|gz|tgz|bz2|xz|7z|rar)\n": "is an archive; unpack it, and name the folder",
+    r"^[^\n]*\.(psx|psz)\n|<document version=[^>]*>\s*<chunk": "is Metashape's; export its cameras in COLMAP's format, "
+    "with the undistorted pictures",
+    r"^(bundle.*\.out|[^\n]*\.nvm|sfm_data\.(json|bin)|[^\n]*\.rcproj|reconstruction\.json)\n|<BlocksExchange|\n#name,x,y,"
+    r"|^[^\n]*_calibrated_camera_parameters\.txt\n": "is of a program whose cameras are not read; export them in "
+    "COLMAP's format",
+    r"^[^\n]*\.svo2?\n": "is Stereolabs' own recording; export its rectified pictures, and their calibration as `json`",
+    r"^[^\n]*\.(npz|npy|pkl)\n": "is Python's own; write the matrices as `opencv` with cv2.FileStorage",
 }
+TOLD_INSIDE = (".xml", ".csv")  # endings of many programs' files, which their content tells apart
 
 
 @dataclass(frozen=True)
@@ -149,21 +153,33 @@ def _nearest(source: Path) -> str:
         ]  # any name says nothing
         if by_name:
             return f"; nearest is {name}, but {by_name[0].name} is none of its files: {kind.means}"
-    names = sorted(path.name for path in source.iterdir()) if source.is_dir() else [source.name]
-    for ending, words in ELSEWHERE.items():
-        if others := [name for name in names if re.search(ending, name, re.IGNORECASE)]:
+    paths = sorted(source.iterdir()) if source.is_dir() else [source]
+    names = [path.name for path in paths]
+    for form, words in ELSEWHERE.items():
+        if others := [path.name for path in paths if re.search(form, _told(path), re.IGNORECASE)]:
             return f", but {others[0]} {words}"
     pairs = [
-        (max((_likeness(Path(file).name, name) for name in names), default=0.0), format_name, file)
-        for format_name, kind in FORMATS.items()
+        (
+            max((_likeness(Path(file).name, name) for name in names), default=0.0),
+            place if file.startswith("*") else -place,  # of any name, that which most programs can write stands last
+            format_name,
+            file,
+        )
+        for place, (format_name, kind) in enumerate(FORMATS.items())
         for file in kind.files
     ]
-    likeness, nearest, file = max(pairs)
+    likeness, _, nearest, file = max(pairs)
     if likeness < ALIKE:
         is_recorded = any(Path(name).suffix.lower() in (*PICTURE_SUFFIXES, *VIDEO_SUFFIXES) for name in names)
         calibrate = "; `reconstudy capture calibrate` measures them from pictures of a board" if is_recorded else ""
         return f", as none of its files tells cameras{calibrate}"
     return f"; nearest is {nearest}, which has {file}: {FORMATS[nearest].means}"
+
+
+def _told(path: Path) -> str:
+    """Return a file's name, and the beginning of one whose name says little, below."""
+    is_read = path.suffix.lower() in TOLD_INSIDE and path.is_file()
+    return f"{path.name}\n{beginning(path) if is_read else ''}"
 
 
 def _known(source: Path) -> dict[str, list[Path]]:
@@ -346,7 +362,7 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         lambda source, out, options: import_json(source, out, options, shots=options.shots),
         ("*.json",),
         "[for everything else](capture.md#the-json), also `held_out`",
-        r'"sensors"|"K_left"',
+        JSON_SAYS,
         ("units", "up", "shots"),
     ),
 }

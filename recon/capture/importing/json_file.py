@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture, image_path
 from recon.capture.images import CaptureError, is_video
-from recon.capture.importing.calibrations.placed import CAMERA_FROM_WORLD
+from recon.capture.importing.calibrations.placed import CAMERA_FROM_WORLD, calibration_in
 from recon.capture.importing.into_capture import write_recording
 from recon.capture.importing.lenses import with_lens
 from recon.capture.importing.sources import DepthSource, ImportOptions, Recording, SensorSource, faults_at, parse_unit
@@ -35,10 +35,11 @@ from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD, SIDES, DepthFacts, check_facts, frames_after
 from recon.geometry.lens_names import model_name
 from recon.geometry.rig import UNITS_MM, Camera, rigid
-from recon.runtime.files import allowed, files_like, in_any_case, read_json
+from recon.runtime.files import allowed, in_any_case, read_json
 
 DIST_KEYS = ("dist", "dist_left", "dist_right")
 LENS_KEY = re.compile(r"(dist.*|d|coeff\w*|radial\w*|tangential\w*|[kps]\d)(_?(left|right))?", re.IGNORECASE)
+SAYS = r'"sensors"|"K_left"'  # a file that describes a recording
 POSES = ("cam_from_world", "world_from_cam", "right_from_left", "left_from_right")
 
 
@@ -76,7 +77,7 @@ def import_json(
         Naming the file and what is wrong in it. Nothing is left behind.
     """
     options = options or ImportOptions()
-    source = _description_in(source) if source.is_dir() else source
+    source = calibration_in(source, "*.json", holds=SAYS)
     content = read_json(source)
     unit = options.unit_mm or parse_unit(str(content.get("units", "mm")))
     described = _Description(source, content, unit)
@@ -97,14 +98,6 @@ def import_json(
     return write_recording(out, recording, options)
 
 
-def _description_in(folder: Path) -> Path:
-    paths = files_like(folder, "*.json")
-    if len(paths) != 1:
-        named = f" ({', '.join(path.name for path in paths)})" if paths else ""
-        raise CaptureError(f"{folder}: holds {len(paths)} JSON files{named}, expected one that describes the recording")
-    return paths[0]
-
-
 def _short_form(described: _Description, shots: Sequence[str] | None) -> SensorSource:
     content, folder = described.content, described.path.parent
     left_files, right_files = (_files(content, f"{side}_file") for side in ("left", "right"))
@@ -114,7 +107,11 @@ def _short_form(described: _Description, shots: Sequence[str] | None) -> SensorS
         raise CaptureError(
             f"left_file has the shots {list(left_files)}, right_file {list(right_files)}, asked: {names}"
         )
-    left, right = (Pictures(tuple(folder / files[name] for name in names)) for files in (left_files, right_files))
+    sides = []
+    for key, files in (("left_file", left_files), ("right_file", right_files)):
+        with faults_at(key):
+            sides.append(_listed(folder, [files[name] for name in names]))
+    left, right = sides
     key = next((key for key in POSES[2:] if f"R_{key}" in content), "left_from_right")
     translation = described.length(f"t_{key}")
     if translation is None:
@@ -143,7 +140,7 @@ def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> S
     name = str(entry.get("id", f"S{number + 1}"))
     with faults_at(f"sensor {name}"):
         sides = SIDES[:1] if "depth" in entry and "right" not in entry else SIDES
-        pictures = tuple(_pictures(described.path.parent, entry[side]) for side in sides)
+        pictures = tuple(_pictures(described.path.parent, entry[side], side) for side in sides)
         left_pose = _pose(described, entry["left"], None if number else CAMERA_FROM_WORLD)
         poses = [left_pose, *(_pose(described, entry[side], left_pose) for side in sides[1:])]
         left, *right = (
@@ -209,19 +206,27 @@ def _transform(value: Any, unit_mm: float) -> NDArray[np.float64]:
     return rigid(pose[:3, :3], pose[:3, 3] * unit_mm)
 
 
-def _pictures(folder: Path, entry: Mapping[str, Any]) -> Pictures:
+def _pictures(folder: Path, entry: Mapping[str, Any], side: str) -> Pictures:
     image = entry["image"]
     plate = folder / entry["plate"] if "plate" in entry else None
-    if not image or not isinstance(image, str | list):
-        raise CaptureError(f"image is {image!r}, expected a pattern, a list of files, a folder or a video")
-    if isinstance(image, list):
-        return Pictures(tuple(folder / name for name in image), plate)
-    if FRAME_FIELD.search(image):
-        return Pictures(_matching(folder, image), plate, is_folder=True)  # their numbers are compared, too
-    if is_video(image) or in_any_case(folder / image).is_file():
-        return Pictures((folder / image,), plate)
-    pictures = find_pictures(folder / image)
-    return pictures if plate is None else replace(pictures, plate=plate)
+    with faults_at(f"{side}, image"):
+        if not image or not isinstance(image, str | list):
+            raise CaptureError(f"is {image!r}, expected a pattern, a list of files, a folder or a video")
+        if isinstance(image, list):
+            return _listed(folder, image, plate)
+        if FRAME_FIELD.search(image):
+            return Pictures(_matching(folder, image), plate, is_folder=True)  # their numbers are compared, too
+        if is_video(image) or in_any_case(folder / image).is_file():
+            return _listed(folder, [image], plate)
+        pictures = find_pictures(folder / image)
+        return pictures if plate is None else replace(pictures, plate=plate)
+
+
+def _listed(folder: Path, names: Sequence[str], plate: Path | None = None) -> Pictures:
+    pictures = Pictures(tuple(folder / name for name in names), plate)
+    if absent := [path for path in pictures.files if not path.is_file()]:
+        raise CaptureError(f"{absent[0]}: there is no such file")
+    return pictures
 
 
 def _matching(folder: Path, pattern: str) -> tuple[Path, ...]:

@@ -36,6 +36,7 @@ PERSPECTIVE = ("opencv", "pinhole", "simple_pinhole", "simple_radial", "radial",
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")  # in OpenCV's order
 RATIONAL = ("k4", "k5", "k6")  # likewise, of full_opencv alone
 UNREAD = (*RATIONAL, "s1", "s2", "s3", "s4")  # which mean something else, or nothing, in other models
+LISTED = ("k1", "k2", "k3", "k4", "p1", "p2")  # the order of `distortion_params`
 DEPTHS_IN_UNIT = 1000.0  # nerfstudio's depth_unit_scale_factor
 
 
@@ -129,7 +130,7 @@ def _view(dataset: _Dataset, frame: Mapping[str, Any], number: int) -> View:
         image = in_any_case(dataset.folder / name)
         if not image.suffix and not image.exists():  # as in the synthetic scenes of NeRF
             image = first_of(dataset.folder, (name + suffix for suffix in PICTURE_SUFFIXES)) or image
-        camera = _camera({**dataset.content, **frame}, image, _pose(dataset, frame))
+        camera = _camera(_with_listed({**dataset.content, **frame}), image, _pose(dataset, frame))
         is_test = name in dataset.content.get("test_filenames", ())
         depth = None if is_test else _depth(dataset, frame, camera)
         mask = allowed(dataset.folder / str(frame["mask_path"])) if "mask_path" in frame else None
@@ -143,6 +144,19 @@ def _pose(dataset: _Dataset, frame: Mapping[str, Any]) -> NDArray[np.float64]:
         raise CaptureError(f"transform_matrix has shape {saved.shape}, expected (4, 4)")
     rotation = (dataset.transform[:3, :3].T @ saved[:3, :3] * OPENGL).T
     return rigid(rotation, -rotation @ dataset.original(saved[None, :3, 3])[0])
+
+
+def _with_listed(entry: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return an entry with the numbers of its list `distortion_params`, if it has one, at their own keys."""
+    listed = entry.get("distortion_params", ())
+    if len(listed) not in (0, len(LISTED)):
+        raise CaptureError(f"distortion_params has {len(listed)} numbers, expected {', '.join(LISTED)}")
+    lens = dict(zip(LISTED, map(float, listed), strict=False))
+    if differing := [key for key, number in lens.items() if float(entry.get(key, number)) != number]:
+        raise CaptureError(
+            f"{differing[0]} is {entry[differing[0]]}, but distortion_params has another; keep the right"
+        )
+    return {**entry, **lens}
 
 
 def _camera(entry: Mapping[str, Any], image: Path, cam_from_world: NDArray[np.float64]) -> Camera:

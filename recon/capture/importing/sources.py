@@ -29,6 +29,7 @@ PLAIN_WORDS = tuple(
         (r"could not convert string to float: (?:np.str_\()?('.*?')\)?", r"\1 stands where a number is expected"),
         (r"invalid literal for int\(\) with base 10: (?:np.str_\()?('.*?')\)?", r"\1 stands where a count is expected"),
         (r"cannot convert float (NaN|infinity) to integer", r"\1 stands where a count is expected"),
+        (r".* argument must be .* number, not 'NoneType'", "nothing stands where a number is expected"),
         (r".* argument must be .* number, not '(\w+)'", r"a \1 stands where a number is expected"),
         (r"cannot reshape array of size (\d+) into shape \((.*?),?\)", r"\1 numbers stand where \2 are expected"),
         (r"(not enough|too many) values to unpack \(expected ((?:at least )?\d+).*", r"\1 values, expected \2"),

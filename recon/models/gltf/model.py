@@ -74,8 +74,21 @@ def read_gltf_model(path: Path, vertex_colours: VertexColours | None = None) -> 
                 if part is not None:
                     contents.parts.append(part)
     except BROKEN as error:
-        raise ValueError(f"is not whole glTF: {type(error).__name__} {error}") from error
+        raise ValueError(f"is not whole glTF: {_plain(error)}; export it again") from error
     return contents
+
+
+def _plain(error: Exception) -> str:
+    """Say in words what Python found in a document that says something else than the standard."""
+    if isinstance(error, ValueError):
+        return f"it is no JSON: {error}"
+    if isinstance(error, KeyError):
+        return f"{error.args[0]!r} is missing, or is no value of the standard's"
+    return (
+        "it refers to a part it lacks"
+        if isinstance(error, IndexError)
+        else "a value is of another kind than it must be"
+    )
 
 
 class _Reader:

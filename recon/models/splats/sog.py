@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ground.files import DAMAGED_ZIP
+from recon.capture.images import is_cut
 from recon.models.splats.raw import N_RESTS, RawSplats, check_count, scales_of, sigmoid, smallest_three
 
 META = "meta.json"
@@ -45,7 +46,8 @@ class _Bundle:
     def picture(self, key: str, number: int = 0) -> NDArray[np.uint8]:
         """Return a picture of a property, uint8 (H, W, 4)."""
         name = str(self.meta[key]["files"][number])
-        pixels = cv2.imdecode(np.frombuffer(self._read(name), np.uint8), cv2.IMREAD_UNCHANGED)
+        content = self._read(name)
+        pixels = None if is_cut(content) else cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
         if pixels is None or pixels.ndim != 3 or pixels.dtype != np.uint8:
             raise ValueError(f"its picture {name} is not readable as WebP")
         if pixels.shape[2] == 3:

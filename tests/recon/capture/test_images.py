@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -104,6 +105,15 @@ def test_an_image_that_is_cut_off_is_never_read_as_whole(tmp_path: Path, suffix:
         read_image(path)
 
 
+def test_a_png_whose_part_announces_more_than_the_file_is_refused_without_room_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "damaged.png"
+    content = bytearray(cv2.imencode(".png", np.zeros((4, 5, 3), np.uint8))[1].tobytes())
+    content[content.index(b"IDAT") - 4] = 0xFF  # of the length: four gigabytes
+    path.write_bytes(content)
+    with pytest.raises(CaptureError, match="before the end of its picture, or damaged"):
+        read_image(path)
+
+
 def test_an_image_with_too_many_pixels_is_named(tmp_path: Path) -> None:
     path = tmp_path / "huge.png"
     cv2.imwrite(str(path), np.zeros((8, 8, 3), np.uint8))
@@ -181,3 +191,39 @@ def test_bits_of_a_camera_in_the_lower_ones_of_16_are_not_taken_for_black(
 def test_an_empty_mask_of_16_bits_is_empty(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "mask.png"), np.zeros((12, 16), np.uint16))
     assert not read_image(tmp_path / "mask.png").any()
+
+
+def write_exr(path: Path, channels: dict[str, float], **windows: tuple[int, int, int, int]) -> Path:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    corners = {name: (np.array(at[:2], np.int32), np.array(at[2:], np.int32)) for name, at in windows.items()}
+    pixels = {name: np.full((6, 8), value, np.float32) for name, value in channels.items()}
+    with OpenEXR.File(header | corners, pixels) as file:
+        file.write(str(path))
+    return path
+
+
+def test_of_an_exr_with_layers_the_picture_is_read_and_no_other_light(tmp_path: Path) -> None:
+    combined = {f"View.Combined.{name}": 1.0 for name in "RGBA"}
+    others = {f"View.{layer}.{name}": 0.0 for layer in ("Emit", "Zebra") for name in "RGB"}
+    assert (read_image(write_exr(tmp_path / "blender.exr", combined | others)) == 255).all()
+    plain = dict.fromkeys("RGB", 1.0)
+    assert (read_image(write_exr(tmp_path / "plain.exr", plain | others)) == 255).all()
+
+
+@pytest.mark.parametrize(
+    "channels",
+    [
+        {f"{view}.{name}": 0.5 for view in ("left", "right") for name in "RGB"},
+        {"Y": 0.5, "RY": 0.1, "BY": 0.1},
+        {"R": 0.5, "G": 0.5},
+    ],
+)
+def test_an_exr_that_has_not_one_light_is_refused_by_its_channels(tmp_path: Path, channels: dict[str, float]) -> None:
+    with pytest.raises(CaptureError, match=r"holds the channels .*, expected light in R, G, B or Y, once"):
+        read_image(write_exr(tmp_path / "a.exr", channels))
+
+
+def test_an_exr_that_is_a_part_of_a_picture_is_refused_by_its_place(tmp_path: Path) -> None:
+    windows = {"dataWindow": (2, 1, 9, 6), "displayWindow": (0, 0, 15, 11)}
+    with pytest.raises(CaptureError, match=r"shows 8x6 pixels from \(2, 1\) on, which are not its whole picture"):
+        read_image(write_exr(tmp_path / "a.exr", dict.fromkeys("RGB", 0.5), **windows))

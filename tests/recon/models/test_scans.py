@@ -62,7 +62,7 @@ def test_points_that_a_depth_camera_did_not_see_are_left_out_and_counted(tmp_pat
         ("a.pcd", HEADER.replace("COUNT 1", "COUNT -1").format(n=3, kind="ascii"), "its header has COUNT -1 1 1"),
         ("a.pcd", HEADER.replace("SIZE 4", "SIZE 3").format(n=3, kind="ascii"), "its header has SIZE 3 4 4"),
         ("a.pcd", HEADER.replace("HEIGHT 1", "HEIGHT 2").format(n=3, kind="ascii"), "but its WIDTH and HEIGHT do not"),
-        ("a.pcd", HEADER.format(n="", kind="ascii"), "its header has .* , expected 1 of"),
+        ("a.pcd", HEADER.format(n="", kind="ascii"), "its header has .* , expected a whole number from 1"),
         ("a.pcd", "no header", "is no PCD: its header has no line DATA"),
     ],
 )

@@ -10,15 +10,15 @@ Source: MATLAB's pages of stereoParameters, cameraParameters and stereoParameter
 
 from __future__ import annotations
 
-import zlib
+import pickle
+import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
 from recon.capture.images import CaptureError
 from recon.capture.importing.calibrations.placed import (
@@ -38,19 +38,18 @@ from recon.runtime.files import read_json
 FIRST_PIXEL = 1.0  # of MATLAB; OpenCV's is 0
 UNITS = {"millimeters": 1.0, "mm": 1.0, "centimeters": 10.0, "meters": 1000.0, "m": 1000.0, "inches": 25.4}
 KEYS = ("CameraParameters1", "CameraParameters2")
-DAMAGED = (  # what scipy lets through of a damaged file
-    ArithmeticError,
-    AttributeError,
-    EOFError,
-    LookupError,
-    MatReadError,
-    MemoryError,
-    NameError,
-    OSError,
-    TypeError,
-    ValueError,
-    zlib.error,
-)
+LOAD = """
+import pickle, sys
+from scipy.io import loadmat
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_DATA, (2**30, 2**30))
+except ImportError:
+    pass
+sys.stdout.buffer.write(pickle.dumps(loadmat(sys.argv[1], simplify_cells=True)))
+"""  # in a process of its own, as a damaged file crashes that
+LONGEST_S = 60
+TOO_NEW = b"MATLAB 7.3"
 SAYS = r'^MATLAB|"CameraParameters1"'  # a .mat, and a .json
 TOOLBOX = "Calib_Results_stereo.mat"
 HOW = f"write it by s = toStruct(stereoParams); save('stereo.mat', '-struct', 's', '-v7'), or name {TOOLBOX}"
@@ -112,12 +111,15 @@ def _struct(path: Path, content: Mapping[str, Any]) -> Mapping[str, Any]:
 def _read_mat(path: Path) -> dict[str, Any]:
     if path.stat().st_size > MOST_BYTES:
         raise CaptureError(f"{path}: has {path.stat().st_size} bytes, expected a calibration of {MOST_BYTES} at most")
+    with path.open("rb") as file:
+        if file.read(len(TOO_NEW)) == TOO_NEW:
+            raise CaptureError(f"{path}: is of MATLAB's version 7.3, which is not read; {HOW}")
+    command = [sys.executable, "-P", "-c", LOAD, str(path.absolute())]
     try:
-        return dict(loadmat(path, simplify_cells=True))
-    except NotImplementedError as error:
-        raise CaptureError(f"{path}: is of MATLAB's version 7.3, which is not read; {HOW}") from error
-    except DAMAGED as error:
-        raise CaptureError(f"{path}: is not readable as a file of MATLAB: {error}") from error
+        read = subprocess.run(command, capture_output=True, check=True, timeout=LONGEST_S)
+    except subprocess.SubprocessError as error:
+        raise CaptureError(f"{path}: is not readable as a file of MATLAB, damaged or cut off; {HOW}") from error
+    return dict(pickle.loads(read.stdout))
 
 
 def _right_from_left(content: Mapping[str, Any], unit_mm: float) -> NDArray[np.float64]:

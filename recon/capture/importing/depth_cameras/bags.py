@@ -22,7 +22,7 @@ import yaml
 from numpy.typing import NDArray
 
 from recon.capture.format import Capture
-from recon.capture.images import CaptureError, write_picture
+from recon.capture.images import CaptureError, is_cut, write_picture
 from recon.capture.importing.calibrations.placed import CAMERA_FROM_WORLD, Placed, lens_camera
 from recon.capture.importing.calibrations.robots import read_ros
 from recon.capture.importing.depth_cameras.aligned import Alignment
@@ -261,9 +261,14 @@ def _camera_info(topic: _Topic) -> dict[str, Any]:
 def _write_picture(path: Path, topic: str, message: Any) -> None:
     path.parent.mkdir(exist_ok=True)
     if not hasattr(message, "encoding"):  # compressed: JPEG or PNG as they are
-        pixels = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR_RGB)
+        content, flags = bytes(message.data), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+        is_unread = is_cut(content) or message.format.partition(";")[0] in DEPTHS
+        pixels = None if is_unread else cv2.imdecode(np.frombuffer(content, np.uint8), flags)
         if pixels is None:
-            raise CaptureError(f"{topic}: a picture as {message.format} is not readable; republish it as raw")
+            raise CaptureError(
+                f"{topic}: a picture as {message.format} of {len(content)} bytes is not readable, cut off, or a depth "
+                "map; republish it as raw"
+            )
         write_picture(path, np.asarray(pixels, np.uint8))
         return
     if message.encoding not in COLOURS:

@@ -112,7 +112,7 @@ def _frames(path: Path, work: Path, track: str, suffix: str, n_frames: int | Non
     told = _ffmpeg("-i", str(path), "-map", f"0:m:title:{track}", *timed, *most, str(folder / f"%d.{suffix}"))
     files = {int(file.stem): file for file in sorted(folder.iterdir(), key=lambda file: int(file.stem))}
     if not files:
-        raise CaptureError(f"{path}: has no track {track} that can be read: {told.strip().splitlines()[-1:]}")
+        raise CaptureError(f"{path}: has no track {track} that can be read: {told.strip().rpartition(chr(10))[2]}")
     return files
 
 
@@ -124,7 +124,9 @@ def _ffmpeg(*words: str) -> str:
 
 def _camera(cameras: list[Mapping[str, Any]], track: str, size: tuple[int, int]) -> Camera:
     """Return a camera in the mode that its pictures' size tells."""
-    entry = next(camera for camera in cameras if camera["Location"] == WHICH[track])
+    entry = next((camera for camera in cameras if camera["Location"] == WHICH[track]), None)
+    if entry is None:
+        raise CaptureError(f"no camera has the Location {WHICH[track]}, that of the track {track}")
     if (model := entry["Intrinsics"]["ModelType"]) != MODEL:
         raise CaptureError(f"the lens's model is {model}, expected {MODEL}")
     if track == "DEPTH":

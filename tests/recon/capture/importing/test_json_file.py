@@ -88,15 +88,17 @@ def video(path: Path, n_frames: int) -> None:
     writer.release()
 
 
-def test_a_folder_with_one_json_is_imported_by_it(tmp_path: Path) -> None:
+def test_a_folder_is_imported_by_the_one_json_that_describes_a_recording(tmp_path: Path) -> None:
     record(tmp_path / "source")
     path = described(tmp_path / "source")
     by_file, by_folder = import_json(path, tmp_path / "1"), import_json(path.parent, tmp_path / "2")
     assert [sensor.id for sensor in by_folder.sensors] == [sensor.id for sensor in by_file.sensors]
     assert by_folder.n_frames == by_file.n_frames
-    (path.parent / "other.json").write_text("{}")
-    with pytest.raises(CaptureError, match=r"holds 2 JSON files \(.*other.json.*\), expected one that describes"):
-        import_json(path.parent, tmp_path / "3")
+    (path.parent / "manifest.json").write_text("[]")
+    assert import_json(path.parent, tmp_path / "3").n_frames == by_file.n_frames
+    (path.parent / "other.json").write_text('{"sensors": []}')
+    with pytest.raises(CaptureError, match=r"other\.json"):
+        import_json(path.parent, tmp_path / "4")
 
 
 def test_a_json_may_describe_a_camera_with_depth_maps(tmp_path: Path) -> None:
@@ -167,7 +169,11 @@ def renamed(content: dict[str, Any], key: str, name: str) -> None:
         (lambda content: renamed(content, "dist", "D"), "sensor S1: D is not read, expected dist"),
         (lambda content: content["sensors"][0]["left"].update(k1=0.1), "sensor S1: k1 is not read, expected dist"),
         (lambda content: renamed(content, "cam_from_world", "c2w"), "sensor S1: c2w is not read, expected one of cam"),
-        (lambda content: content["sensors"][0]["right"].update(image="nowhere"), "found nothing, expected one folder"),
+        (
+            lambda content: content["sensors"][0]["right"].update(image="nowhere"),
+            "S1: right, image: .*found nothing, e",
+        ),
+        (lambda content: content["sensors"][0]["left"].update(image=["no.png"]), "S1: left, image: .*no.png: there is"),
         (lambda content: content["sensors"][0]["right"].update(K=[[1, 2], [3]]), "expected numbers"),
         (lambda content: content.update(units="furlong"), "unit 'furlong'"),
         (lambda content: content.update(fps=0), "fps is 0, expected a positive number"),
@@ -202,8 +208,8 @@ def test_the_real_sphere_comes_in_by_its_own_calibration(real_data: Path, tmp_pa
     ("keys", "wrong", "said"),
     [
         (("sensors",), [], "names no sensors"),
-        (("sensors", 0, "left", "image"), 5, "sensor S1: image is 5"),
-        (("sensors", 0, "left", "image"), [], r"sensor S1: image is \[\]"),
+        (("sensors", 0, "left", "image"), 5, "sensor S1: left, image: is 5"),
+        (("sensors", 0, "left", "image"), [], r"sensor S1: left, image: is \[\]"),
         (("sensors", 0, "left", "distortion"), [0.1, 0, 0, 0], "sensor S1: distortion is not read, expected dist"),
         (("sensors", 0, "depth"), {"image": []}, "sensor S1: depth: image is an empty list"),
         (("sensors", 0, "depth"), {"image": ["d.png"], "size": ["a", "b"]}, "sensor S1: depth: size is .*whole pixels"),

@@ -229,6 +229,20 @@ def test_a_field_of_view_and_names_without_suffix_are_understood(tmp_path: Path)
     np.testing.assert_allclose(K, [[400, 0, 159.5], [0, 400, 119.5], [0, 0, 1]])
 
 
+def test_a_lens_of_nerfstudio_may_stand_in_one_list(tmp_path: Path) -> None:
+    by_key, by_list = (transforms(CAMERAS, Z_UP, 1000.0) for _ in range(2))
+    by_list["distortion_params"] = [by_list.pop(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2")]
+    lenses = [
+        views_of(
+            import_nerfstudio(nerfstudio_source(tmp_path / name, content), tmp_path / f"{name}_out", PAIRS, IN_METRES)
+        )
+        for name, content in (("keys", by_key), ("list", by_list))
+    ]
+    for own, other in zip(*lenses, strict=True):
+        np.testing.assert_array_equal(own.dist, other.dist)
+    assert lenses[0][0].dist.any()
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -238,6 +252,12 @@ def test_a_field_of_view_and_names_without_suffix_are_understood(tmp_path: Path)
         ),
         (lambda content: content.update(k4=0.1), "k4 is not 0"),
         (lambda content: content.update(k5=0.1), "k5 is not 0"),
+        (lambda content: content.update(w=None), "nothing stands where a number is expected"),
+        (lambda content: content["frames"][0].update(distortion_params=[0.1]), "distortion_params has 1 numbers, exp"),
+        (
+            lambda content: content["frames"][0].update(k1=0.2, distortion_params=[0.1, 0, 0, 0, 0, 0]),
+            "frame 1 images/1.png: k1 is 0.2, but distortion_params has another",
+        ),
         (lambda content: content.update(s1=0.1, camera_model="full_opencv"), "s1 is not 0"),
         (lambda content: content.update(distortion_model="double_sphere"), "camera_model is double_sphere, expected"),
         (

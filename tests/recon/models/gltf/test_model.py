@@ -255,7 +255,9 @@ def change(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
 
 WRONG_GLTF: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "compressed": (change("extensionsRequired", ["KHR_draco_mesh_compression"]), "needs KHR_draco_mesh_compression"),
-    "node": (change("scenes", [{"nodes": [9]}]), "is not whole glTF"),
+    "node": (change("scenes", [{"nodes": [9]}]), "is not whole glTF: it refers to a part it lacks; export it again"),
+    "kind": (change("nodes", [3, 4]), "is not whole glTF: a value is of another kind than it must be"),
+    "number": (lambda document: document["accessors"][0].update(componentType=7), "glTF: 7 is missing, or is no value"),
     "version": (change("asset", {"version": "1.0"}), "is not glTF of version 2"),
     "values": (lambda document: document["accessors"][0].update(count=99), "promises 99 values, more than"),
     "before": (lambda document: document["accessors"][0].update(byteOffset=-4), "accessor 0 promises"),

@@ -438,6 +438,14 @@ def test_every_format_has_a_name_for_people() -> None:
         ("calibrationdata.tar.gz", "", r"but calibrationdata\.tar\.gz is an archive; unpack it, and name the folder"),
         ("house.psx", "", "but house.psx is Metashape's; export its cameras in COLMAP's format"),
         ("sfm_data.json", "{}", r"but sfm_data\.json is of a program whose cameras are not read; export them"),
+        (
+            "cameras.xml",
+            '<document version="2.0.0">\n  <chunk label="1">',
+            r"but cameras\.xml is Metashape's; export its",
+        ),
+        ("cameras.csv", "#cameras 2\n#name,x,y,alt,heading", r"but cameras\.csv is of a program whose cameras are not"),
+        ("a.xml", '<?xml?><BlocksExchange version="3.2">', r"but a\.xml is of a program whose cameras are not read"),
+        ("a.json", "[]", r"nearest is json, which has \*\.json"),
         ("calib.npz", "", r"but calib\.npz is Python's own; write the matrices as `opencv`"),
     ],
 )
@@ -501,6 +509,18 @@ def no_matlab(folder: Path) -> None:
     (folder / "stereo.mat").write_bytes(b"MATLAB 5.0" + bytes(200))
 
 
+def crashing_matlab(folder: Path) -> None:
+    """A matrix of 9 numbers of the kind 255, on which scipy's reader ends its process by a segmentation fault."""
+    matlab(folder)
+    content = (folder / "stereo.mat").read_bytes()
+    (folder / "stereo.mat").write_bytes(content.replace(b"\x09\0\0\0H\0\0\0", b"\xff\0\0\0H\0\0\0", 1))
+
+
+def too_new_matlab(folder: Path) -> None:
+    matlab(folder)
+    (folder / "stereo.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512))
+
+
 def other_resolution(folder: Path) -> None:
     mvsnet(folder)
     edited(folder / "cams/00000000_cam.txt", "158.5", "39.6")
@@ -532,6 +552,8 @@ def panorama(folder: Path) -> None:
         ("kalibr", bombed, "is not readable as YAML"),
         ("matlab", matlab_object, r"holds no struct with CameraParameters1 and CameraParameters2; write it by"),
         ("matlab", no_matlab, "is not readable as a file of MATLAB"),
+        ("matlab", crashing_matlab, "is not readable as a file of MATLAB, damaged or cut off"),
+        ("matlab", too_new_matlab, "is of MATLAB's version 7.3, which is not read; write it by"),
         ("mvsnet", other_resolution, "the cameras are of another resolution"),
         ("strecha", distorted, "has distortion, whose model the format does not tell"),
         ("miv", panorama, "its projection is Equirectangular, expected Perspective"),

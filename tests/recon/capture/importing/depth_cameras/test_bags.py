@@ -239,3 +239,25 @@ def test_packed_depth_maps_of_a_bag_are_named_with_the_way_out(tmp_path: Path) -
     source = write(tmp_path / "a", 2, messages)
     with pytest.raises(CaptureError, match="/camera/aligned/image_raw/compressedDepth: not read; republish as raw"):
         import_recording("rosbag", source, tmp_path / "out", OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "form", "n_lost"), [(".jpg", "bgr8; jpeg compressed bgr8", 40), (".png", "16UC1; png compressed ", 0)]
+)
+def test_a_packed_picture_that_is_cut_off_or_of_depths_is_refused(
+    tmp_path: Path, suffix: str, form: str, n_lost: int
+) -> None:
+    def packed(version: int, types: Any) -> Messages:
+        for topic, stamp_ns, message in stereo(version, types):
+            if topic.endswith("image_raw"):
+                values = np.random.default_rng(1).integers(0, 255, SIZE[::-1]).astype(np.uint8)
+                content = cv2.imencode(suffix, values)[1]
+                kind = types["sensor_msgs/msg/CompressedImage"]
+                whole = kind(header=message.header, format=form, data=content[: len(content) - n_lost].copy())
+                yield f"{topic}/compressed", stamp_ns, whole
+            else:
+                yield topic, stamp_ns, message
+
+    source = write(tmp_path / "source", 2, packed)
+    with pytest.raises(CaptureError, match=f"a picture as {form} of .* is not readable, cut off, or a depth map"):
+        import_recording("rosbag", source, tmp_path / "out", OPTIONS)

@@ -121,11 +121,15 @@ def test_depth_stands_in_the_pictures_of_the_same_instants(tmp_path: Path) -> No
         ({}, "IR", "has no track DEPTH that can be read"),
         ({"ModelType": "CALIBRATION_LensDistortionModelTheta"}, "DEPTH", "the lens's model is .*Theta, expected"),
         ({"ModelParameters": [0.5]}, "DEPTH", "calibration"),
+        ({"Location": "elsewhere"}, "DEPTH", "calibration: no camera has the Location CALIBRATION_CameraLocation"),
     ],
 )
 def test_what_a_recording_lacks_is_named(tmp_path: Path, changes: dict[str, Any], track: str, sentence: str) -> None:
     calibration = json.loads(json.dumps(CALIBRATION))
     calibration["CalibrationInformation"]["Cameras"][0]["Intrinsics"] |= changes
+    calibration["CalibrationInformation"]["Cameras"][0] |= {
+        key: changes[key] for key in ("Location",) if key in changes
+    }
     source = recording(tmp_path / "source", calibration, track)
     with pytest.raises(CaptureError, match=sentence):
         import_recording("kinect", source, tmp_path / "out", ImportOptions())
