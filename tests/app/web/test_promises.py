@@ -6,14 +6,18 @@ import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
+from fastapi import params
+from pydantic import TypeAdapter
 
 from app.main import UVICORN_OPTIONS, create_app, running_server
 from app.operations.studies import manage
 from app.settings import Settings
 from app.web.admin.layout import attachment
+from app.web.gates import fields_of
 from tests.app.web.admin.dashboard_client import PASSWORD, Dashboard
 from tests.app.web.http_checks import all_routes
 
@@ -81,6 +85,28 @@ def test_a_password_is_any_text_up_to_128_letters_and_counts_as_it_was_typed(
     with Dashboard(str(owner.base_url)) as person:
         assert person.enter("/admin/sign-in", name=name, password=password.strip() + "x").status_code == 401
         assert person.enter("/admin/sign-in", name=name, password=password).status_code == 200
+
+
+@pytest.mark.slow
+def test_every_body_refuses_names_that_it_does_not_know_and_converts_no_types(in_production: Settings) -> None:
+    app = create_app(in_production)
+    app.state.database.dispose()
+    routes = [route for route in all_routes(app.routes) if hasattr(route, "dependant")]
+    fields = [field for route in routes for field in fields_of(route.dependant).values()]
+    bodies = [TypeAdapter(field.annotation).core_schema for field in fields if not isinstance(field, params.Form)]
+    configs = {name: config for body in bodies for name, config in configs_of(body)}
+    assert len(configs) > 35
+    assert configs.pop("Stroke") == {"extra_fields_behavior": "ignore", "title": "Stroke"}  # what a page shows and keeps
+    expected = {"extra_fields_behavior": "forbid", "strict": True}
+    assert [name for name, config in configs.items() if config != {**expected, "title": name}] == []
+
+
+def configs_of(schema: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The names and settings of all models in a schema of pydantic."""
+    if isinstance(schema, dict) and "config" in schema and "cls" in schema:
+        yield schema["cls"].__name__, schema["config"]
+    for part in schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list | tuple) else ():
+        yield from configs_of(part)
 
 
 @pytest.mark.parametrize("path", ["/", "/admin", "/api/v1/studies", "/static/js/participant.js", "/healthz"])
