@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,35 @@ def test_every_page_of_the_dashboard_offers_to_sign_out(owner: Dashboard, in_pro
                 shown[path] = answer.read().decode()
     assert len(shown) > 8
     assert [path for path, text in shown.items() if 'action="/admin/logout"' not in text] == []
+    templates = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "templates" / "admin").glob("[!_]*")}
+    inside = re.compile(r'{% extends "admin/_(layout|study)\.html"')
+    assert {name for name, text in templates.items() if not inside.search(text)} == {
+        *("set_up.html", "sign_in.html", "sign_in_by_link.html"),  # for who is not signed in
+        "print_sheet.html",  # for paper
+    }
+
+
+CACHED = {  # what is said at how many places of a file: pictures, films, models and measures, and a page's own files
+    ("files_page.py", '"private, max-age=3600"'): 2,
+    ("files_page.py", '"private, no-cache"'): 1,
+    ("films_page.py", '"private, max-age=86400"'): 1,
+    ("joined.py", "FOR_GOOD"): 1,
+    ("manual_page.py", '"private, max-age=86400"'): 1,
+    ("media.py", "FOREVER"): 2,
+    ("media.py", "FOR_A_WHILE"): 1,
+    ("models_page.py", "FOREVER"): 1,
+    ("objective_page.py", "FOREVER"): 1,
+    ("scores_page.py", "FOREVER"): 1,
+    ("security.py", '"no-cache"'): 1,
+    ("sets_page.py", '"private, max-age=3600"'): 1,
+}
+
+
+def test_browsers_keep_films_pictures_and_measures_alone() -> None:
+    files = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "app" / "web").rglob("*.py")}
+    told = re.compile(r'(?i)"cache-control": ("[^"]*"|[\w.]+)')
+    found = Counter((name, value) for name, text in files.items() for value in told.findall(text))
+    assert {(name, value): n for (name, value), n in found.items() if value != '"no-store"'} == CACHED
 
 
 def test_every_field_of_a_password_is_masked_and_may_be_filled_in_by_a_password_manager(owner: Dashboard) -> None:
@@ -96,7 +126,10 @@ def test_every_body_refuses_names_that_it_does_not_know_and_converts_no_types(in
     bodies = [TypeAdapter(field.annotation).core_schema for field in fields if not isinstance(field, params.Form)]
     configs = {name: config for body in bodies for name, config in configs_of(body)}
     assert len(configs) > 35
-    assert configs.pop("Stroke") == {"extra_fields_behavior": "ignore", "title": "Stroke"}  # what a page shows and keeps
+    assert configs.pop("Stroke") == {
+        "extra_fields_behavior": "ignore",
+        "title": "Stroke",
+    }  # what a page shows and keeps
     expected = {"extra_fields_behavior": "forbid", "strict": True}
     assert [name for name, config in configs.items() if config != {**expected, "title": name}] == []
 

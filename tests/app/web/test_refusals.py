@@ -64,8 +64,9 @@ def test_a_study_that_is_closed(
     begin(client, study["slug"], study["invitation"])
     with signed_in(server, settings, "Ada") as ada:
         ada.act(f"/admin/studies/{study['slug']}/state", state="closed")
-    answer = httpx.post(server + sessions(study), json={"invitation": study["invitation"]}, headers=ELSEWHERE)
-    assert is_refused(answer, 403, "This study is closed.", caplog.text)
+        answer = httpx.post(server + sessions(study), json={"invitation": study["invitation"]}, headers=ELSEWHERE)
+        assert is_refused(answer, 403, "This study is closed.", caplog.text)
+        assert "This study is closed." in ada.get("/admin/audit?search=not+taken+in").text
     page = httpx.get(f"{server}/s/{study['invitation']}", headers=ELSEWHERE)
     assert page.status_code == 403
     assert "This study is closed" in page.text

@@ -253,6 +253,9 @@ def test_each_role_and_a_stranger_get_only_what_is_theirs(
                     assert status in (200, 303, 404), (rank, method, path, status)
                 else:
                     assert status in (403, 404, 422), (rank, method, path, status)  # no form token
+    with visitor(own_server, own, "owner") as owner:
+        refused = owner.get("/api/v1/audit?search=access+refused").json()
+    assert {entry["detail"]["needed"] for entry in refused if entry["actor"] == "V"} == {"experimenter", "owner"}
 
 
 TAKES = {  # the scope that each route takes
