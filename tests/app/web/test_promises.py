@@ -151,7 +151,16 @@ def test_no_answer_lets_another_origin_read_it(owner: Dashboard, path: str) -> N
 
 @pytest.mark.parametrize(
     "path",
-    ["/.git/config", "/.env", "/static/", "/static/js/", "/static/js", "/static/%2e%2e/app/main.py", "/app/main.py"],
+    [
+        "/.git/config",
+        "/.env",
+        "/static/",
+        "/static/js/",
+        "/static/js",
+        "/static/%2e%2e/app/main.py",
+        "/app/main.py",
+        "/static/app/main.py",
+    ],
 )
 def test_neither_lists_of_files_nor_what_lies_beside_them_are_served(server: str, path: str) -> None:
     assert httpx.get(server + path).status_code == 404

@@ -140,10 +140,13 @@ def test_forged_ids_and_used_invitations_leave_an_entry(
     assert forged.status_code == 404
     with signed_in(server, settings, "Auditor", "experimenter") as dashboard:
         dashboard.headers.update(ELSEWHERE)
-        assert dashboard.get(f"/admin/studies/{study['slug']}/participants/P999").status_code == 404
+        base = f"/admin/studies/{study['slug']}"
+        assert dashboard.get(f"{base}/participants/P999").status_code == 404
+        assert dashboard.get(f"{base}/invitations/of-another-study/qr.svg").status_code == 404
         log = dashboard.get("/admin/audit?search=not+found").text
     assert "P999" in log
     assert "Auditor" in log
     assert "no-such-trial" in log
     assert "This invitation has been used." in log
     assert code not in log
+    assert "of-another-study" not in log
