@@ -180,6 +180,14 @@ def test_only_this_machine_is_believed_who_asks_and_nginx_says_so_itself() -> No
     assert re.findall(r"X-Forwarded-For (\S+);", nginx) == ["$remote_addr"]
 
 
+def test_nginx_answers_nobody_elsewhere_of_the_inner_addresses() -> None:
+    """As its file says; `test_nginx_sends_the_videos_…` asks nginx itself where it is installed."""
+    nginx = " ".join((ROOT / "deploy" / "nginx.conf").read_text(encoding="utf-8").split())
+    assert "location = /metrics { allow 127.0.0.1; deny all;" in nginx
+    assert "location = /readyz { return 404; }" in nginx
+    assert "location /pairs/ { internal;" in nginx
+
+
 @pytest.mark.parametrize("name", ['a"b\r\nSet-Cookie: x=1', "größe.csv", "../../etc/passwd", "plain.csv"])
 def test_the_name_of_a_download_stays_in_its_header(name: str) -> None:
     header = attachment(name)
