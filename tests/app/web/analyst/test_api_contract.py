@@ -147,6 +147,7 @@ def test_personal_tables_are_not_stored_by_browsers(
     with signed_in(own_server, own, "Eva") as eva:
         answers = [
             *(analyst.get(f"{base}/{name}") for name in ("participants", "votes", "questionnaire", "archive.zip")),
+            analyst.get(f"{base}/participants/P001"),
             *(eva.get(f"/admin/studies/{taken['slug']}/{name}") for name in ("participants", "participants/P001")),
             eva.get(f"/admin/studies/{taken['slug']}/participants/P001/export.json"),
         ]
