@@ -182,7 +182,7 @@ async def _receive(request: Request, path: Path, largest_mb: int) -> None:
 class NewUpload(BaseModel):
     """What is said of a file before it is sent; `modified` in ms since 1970."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     kind: Annotated[str, Field(max_length=40, description="the shelf")]
     name: Annotated[str, Field(max_length=200, description="of the new entry")]

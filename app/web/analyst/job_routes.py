@@ -37,7 +37,7 @@ MOST_LINES = 2000
 class JobBody(BaseModel):
     """A job to start: its kind, and the fields of its form."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     kind: str = Field(max_length=40)
     arguments: dict[str, str | bool | float | list[str] | None] = Field(default={}, max_length=40)

@@ -66,9 +66,9 @@ RESULTS = re.compile(
 
 
 class Body(BaseModel):
-    """A body that refuses names it does not know."""
+    """A body that refuses names it does not know, and converts no types."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class NewStudyBody(Body):

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
+from fastapi import params
+from pydantic import TypeAdapter
 
 from app.main import UVICORN_OPTIONS, create_app, running_server
 from app.operations.studies import manage
 from app.settings import Settings
 from app.web.admin.layout import attachment
+from app.web.gates import fields_of
 from tests.app.web.admin.dashboard_client import PASSWORD, Dashboard
 from tests.app.web.http_checks import all_routes
 
@@ -59,6 +64,35 @@ def test_every_page_of_the_dashboard_offers_to_sign_out(owner: Dashboard, in_pro
                 shown[path] = answer.read().decode()
     assert len(shown) > 8
     assert [path for path, text in shown.items() if 'action="/admin/logout"' not in text] == []
+    templates = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "templates" / "admin").glob("[!_]*")}
+    inside = re.compile(r'{% extends "admin/_(layout|study)\.html"')
+    assert {name for name, text in templates.items() if not inside.search(text)} == {
+        *("set_up.html", "sign_in.html", "sign_in_by_link.html"),  # for who is not signed in
+        "print_sheet.html",  # for paper
+    }
+
+
+CACHED = {  # what is said at how many places of a file: pictures, films, models and measures, and a page's own files
+    ("files_page.py", '"private, max-age=3600"'): 2,
+    ("files_page.py", '"private, no-cache"'): 1,
+    ("films_page.py", '"private, max-age=86400"'): 1,
+    ("joined.py", "FOR_GOOD"): 1,
+    ("manual_page.py", '"private, max-age=86400"'): 1,
+    ("media.py", "FOREVER"): 2,
+    ("media.py", "FOR_A_WHILE"): 1,
+    ("models_page.py", "FOREVER"): 1,
+    ("objective_page.py", "FOREVER"): 1,
+    ("scores_page.py", "FOREVER"): 1,
+    ("security.py", '"no-cache"'): 1,
+    ("sets_page.py", '"private, max-age=3600"'): 1,
+}
+
+
+def test_browsers_keep_films_pictures_and_measures_alone() -> None:
+    files = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "app" / "web").rglob("*.py")}
+    told = re.compile(r'(?i)"cache-control": ("[^"]*"|[\w.]+)')
+    found = Counter((name, value) for name, text in files.items() for value in told.findall(text))
+    assert {(name, value): n for (name, value), n in found.items() if value != '"no-store"'} == CACHED
 
 
 def test_every_field_of_a_password_is_masked_and_may_be_filled_in_by_a_password_manager(owner: Dashboard) -> None:
@@ -83,6 +117,31 @@ def test_a_password_is_any_text_up_to_128_letters_and_counts_as_it_was_typed(
         assert person.enter("/admin/sign-in", name=name, password=password).status_code == 200
 
 
+@pytest.mark.slow
+def test_every_body_refuses_names_that_it_does_not_know_and_converts_no_types(in_production: Settings) -> None:
+    app = create_app(in_production)
+    app.state.database.dispose()
+    routes = [route for route in all_routes(app.routes) if hasattr(route, "dependant")]
+    fields = [field for route in routes for field in fields_of(route.dependant).values()]
+    bodies = [TypeAdapter(field.annotation).core_schema for field in fields if not isinstance(field, params.Form)]
+    configs = {name: config for body in bodies for name, config in configs_of(body)}
+    assert len(configs) > 35
+    assert configs.pop("Stroke") == {
+        "extra_fields_behavior": "ignore",
+        "title": "Stroke",
+    }  # what a page shows and keeps
+    expected = {"extra_fields_behavior": "forbid", "strict": True}
+    assert [name for name, config in configs.items() if config != {**expected, "title": name}] == []
+
+
+def configs_of(schema: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The names and settings of all models in a schema of pydantic."""
+    if isinstance(schema, dict) and "config" in schema and "cls" in schema:
+        yield schema["cls"].__name__, schema["config"]
+    for part in schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list | tuple) else ():
+        yield from configs_of(part)
+
+
 @pytest.mark.parametrize("path", ["/", "/admin", "/api/v1/studies", "/static/js/participant.js", "/healthz"])
 def test_no_answer_lets_another_origin_read_it(owner: Dashboard, path: str) -> None:
     asks = {"Origin": EVIL, "Access-Control-Request-Method": "GET"}
@@ -92,7 +151,16 @@ def test_no_answer_lets_another_origin_read_it(owner: Dashboard, path: str) -> N
 
 @pytest.mark.parametrize(
     "path",
-    ["/.git/config", "/.env", "/static/", "/static/js/", "/static/js", "/static/%2e%2e/app/main.py", "/app/main.py"],
+    [
+        "/.git/config",
+        "/.env",
+        "/static/",
+        "/static/js/",
+        "/static/js",
+        "/static/%2e%2e/app/main.py",
+        "/app/main.py",
+        "/static/app/main.py",
+    ],
 )
 def test_neither_lists_of_files_nor_what_lies_beside_them_are_served(server: str, path: str) -> None:
     assert httpx.get(server + path).status_code == 404
@@ -110,6 +178,14 @@ def test_only_this_machine_is_believed_who_asks_and_nginx_says_so_itself() -> No
     assert not {"forwarded_allow_ips", "proxy_headers"} & UVICORN_OPTIONS.keys()  # uvicorn's own: 127.0.0.1 alone
     nginx = (ROOT / "deploy" / "nginx.conf").read_text(encoding="utf-8")
     assert re.findall(r"X-Forwarded-For (\S+);", nginx) == ["$remote_addr"]
+
+
+def test_nginx_answers_nobody_elsewhere_of_the_inner_addresses() -> None:
+    """As its file says; `test_nginx_sends_the_videos_…` asks nginx itself where it is installed."""
+    nginx = " ".join((ROOT / "deploy" / "nginx.conf").read_text(encoding="utf-8").split())
+    assert "location = /metrics { allow 127.0.0.1; deny all;" in nginx
+    assert "location = /readyz { return 404; }" in nginx
+    assert "location /pairs/ { internal;" in nginx
 
 
 @pytest.mark.parametrize("name", ['a"b\r\nSet-Cookie: x=1', "größe.csv", "../../etc/passwd", "plain.csv"])

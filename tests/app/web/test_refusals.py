@@ -64,8 +64,9 @@ def test_a_study_that_is_closed(
     begin(client, study["slug"], study["invitation"])
     with signed_in(server, settings, "Ada") as ada:
         ada.act(f"/admin/studies/{study['slug']}/state", state="closed")
-    answer = httpx.post(server + sessions(study), json={"invitation": study["invitation"]}, headers=ELSEWHERE)
-    assert is_refused(answer, 403, "This study is closed.", caplog.text)
+        answer = httpx.post(server + sessions(study), json={"invitation": study["invitation"]}, headers=ELSEWHERE)
+        assert is_refused(answer, 403, "This study is closed.", caplog.text)
+        assert "This study is closed." in ada.get("/admin/audit?search=not+taken+in").text
     page = httpx.get(f"{server}/s/{study['invitation']}", headers=ELSEWHERE)
     assert page.status_code == 403
     assert "This study is closed" in page.text
@@ -139,10 +140,13 @@ def test_forged_ids_and_used_invitations_leave_an_entry(
     assert forged.status_code == 404
     with signed_in(server, settings, "Auditor", "experimenter") as dashboard:
         dashboard.headers.update(ELSEWHERE)
-        assert dashboard.get(f"/admin/studies/{study['slug']}/participants/P999").status_code == 404
+        base = f"/admin/studies/{study['slug']}"
+        assert dashboard.get(f"{base}/participants/P999").status_code == 404
+        assert dashboard.get(f"{base}/invitations/of-another-study/qr.svg").status_code == 404
         log = dashboard.get("/admin/audit?search=not+found").text
     assert "P999" in log
     assert "Auditor" in log
     assert "no-such-trial" in log
     assert "This invitation has been used." in log
     assert code not in log
+    assert "of-another-study" not in log

@@ -63,7 +63,7 @@ ADrawing = Annotated[Drawing, Depends(drawing)]
 class DrawnStrokes(BaseModel):
     """All strokes on a picture."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     strokes: list[Stroke]
 

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 
 import pytest
-from sqlalchemy import Connection
+from sqlalchemy import Connection, select
 
 from app.errors import ConflictError
 from app.store.access.experimenters import (
@@ -30,7 +30,9 @@ from app.store.access.second_factors import (
     prepare_second_factor,
     spend_recovery_code,
 )
+from app.store.access.tokens import insert_token
 from app.store.database.engine import Database
+from app.store.database.tables import api_token, experimenter, experimenter_session, recovery_code
 from app.web.admin.access.second_factor import is_let_in
 from tests.seeded_studies import NOW
 
@@ -97,6 +99,22 @@ def session_token(database: Database) -> str:
         return begin_experimenter_session(connection, rosa.id, NOW)
 
 
+def test_no_secret_that_lets_in_is_kept(database: Database, session_token: str) -> None:
+    link = renew_link(database, "Ada", NOW)
+    renewed = open_session(database, session_token, NOW + TOKEN_LASTS + timedelta(seconds=1))
+    assert renewed is not None
+    assert renewed.renewed is not None
+    with database.writing() as connection:
+        codes = confirm_second_factor(connection, renewed.experimenter.id, NOW)
+        token = insert_token(connection, "notebook", ["read"], "Ada", NOW)
+        tables = (experimenter, experimenter_session, recovery_code, api_token)
+        kept = str([connection.execute(select(table)).all() for table in tables])
+    secrets = (link, session_token, renewed.renewed, token)
+    assert [secret for secret in (*secrets, *codes) if secret in kept] == []
+    assert len(set(secrets)) == 4
+    assert {len(secret) for secret in secrets} == {43}  # 256 bits, six a letter
+
+
 def test_a_link_expires(database: Database) -> None:
     secret = renew_link(database, "Rosa", NOW)
     with database.reading() as connection:
@@ -120,7 +138,9 @@ def test_a_session_in_use_ends_after_a_working_day_and_changes_its_token_meanwhi
         session_token = found.renewed or session_token
         tokens.add(session_token)
     assert len(tokens) == SESSION_LASTS / (IDLE_LASTS / 2)
-    assert open_session(database, session_token, NOW + SESSION_LASTS) is None
+    after = NOW + SESSION_LASTS
+    assert open_session(database, session_token, after) is None
+    assert open_session(database, session_token, after + timedelta(minutes=1)) is None
 
 
 def test_the_old_token_serves_requests_under_way_and_no_others(database: Database, session_token: str) -> None:

@@ -30,7 +30,7 @@ from app.main import create_app, running_server
 from app.operations.studies import create, manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
-from app.store.access.rights import SCOPES
+from app.store.access.rights import ERASING, PEOPLE, SCOPES
 from app.web.analyst.columns import TABLES
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 from tests.app.web.http_checks import all_routes
@@ -147,6 +147,7 @@ def test_personal_tables_are_not_stored_by_browsers(
     with signed_in(own_server, own, "Eva") as eva:
         answers = [
             *(analyst.get(f"{base}/{name}") for name in ("participants", "votes", "questionnaire", "archive.zip")),
+            analyst.get(f"{base}/participants/P001"),
             *(eva.get(f"/admin/studies/{taken['slug']}/{name}") for name in ("participants", "participants/P001")),
             eva.get(f"/admin/studies/{taken['slug']}/participants/P001/export.json"),
         ]
@@ -230,25 +231,73 @@ RANKS = ("stranger", "viewer", "experimenter", "owner")
 def test_each_role_and_a_stranger_get_only_what_is_theirs(
     own: Settings, own_server: str, taken: dict[str, Any]
 ) -> None:
-    routes = dashboard_routes(own)
+    routes = routes_below(own, "/admin")
     assert len(routes) > 40
     for rank in RANKS:
         with visitor(own_server, own, rank) as client:
+            token = {} if rank == "stranger" else {"X-CSRF-Token": client.form_token}
             for method, path in routes:
                 needed = role_for(method, path)
                 asked = re.sub(r"\{[^}]*\}", "x", path.replace("{slug}", taken["slug"]))
                 if path.endswith("/live") and rank != "stranger":
                     continue  # it goes on and on; its gate is that of the page
-                status = client.request(method, asked, headers={"Accept": "application/json"}).status_code
+                is_refused = RANKS.index(rank) < RANKS.index(needed)
+                headers = {"Accept": "application/json", **(token if is_refused else {})}
+                answer = client.request(method, asked, headers=headers)
+                status = answer.status_code
                 if rank == "stranger":
                     assert status in (401, 422), (rank, method, path, status)
-                elif RANKS.index(rank) < RANKS.index(needed):
-                    assert status in (403, 404, 422), (rank, method, path, status)
-                    assert method == "POST" or status == 403, (rank, method, path, status)
+                elif is_refused:
+                    assert status == 403, (rank, method, path, status)
+                    assert f"takes the role {needed}" in answer.json()["detail"], (rank, method, path)
                 elif method == "GET":
                     assert status in (200, 303, 404), (rank, method, path, status)
                 else:
                     assert status in (403, 404, 422), (rank, method, path, status)  # no form token
+    with visitor(own_server, own, "owner") as owner:
+        refused = owner.get("/api/v1/audit?search=access+refused").json()
+    assert {entry["detail"]["needed"] for entry in refused if entry["actor"] == "V"} == {"experimenter", "owner"}
+
+
+TAKES = {  # the scope that each route takes
+    r"(GET|DELETE) /tasks/x": "studies:write",
+    r".* /(drafts|studies/import).*": "studies:write",
+    r"POST /(studies|sets.*)|(PATCH|DELETE) /(studies|sets)/x": "studies:write",
+    r"\w+ /studies/x/(state|address|duplicate|invitations.*|outside-ids|results|films)": "studies:write",
+    r"POST /studies/x/(check|votes|participants/x/resume-code)|DELETE /studies/x/failures": "studies:write",
+    r"(PUT|DELETE) /studies/x/(texts|images)/x|POST /files/x/x/attach": "studies:write",
+    r"\w+ /(jobs|uploads).*|(GET|DELETE) /files.*|POST /votes": "jobs",
+    r"GET /(studies/x/)?audit": "audit",
+    r"GET /studies/x/(participants(/x)?|screening|questionnaire|comments|comment_tags|demographics)": "personal",
+    r"GET /studies/x/(archive.zip|export)": "personal",
+    r"(PUT|PATCH|DELETE) /studies/x/(comments/tag|comment_tags/x|participants/x/exclusion|trials/x/comment)": PEOPLE,
+    r"(PUT|POST) /studies/x/participants/x/(screening|again|interview)": PEOPLE,
+    r"PUT /studies/x/participants/x/(withdrawal|erasure)": ERASING,
+    r"GET /(studies|sets)(/x)?|GET /(studies/x/)?plan": "read",
+    r"GET /studies/x/(votes|trials|scores|ratings|comparisons|triads|observers|validation|failures|analysis)": "read",
+    r"GET /studies/x/(check|texts|design|figures(/x.x)?|images/x)": "read",
+}
+PARTICIPANTS = r"/api/v1/(session|openapi|studies/\{slug\}/(sessions|turned-away))"
+
+
+def test_each_route_of_the_interface_takes_its_scope(own: Settings, own_server: str) -> None:
+    routes = [(method, path) for method, path in routes_below(own, "/api/v1/") if not re.match(PARTICIPANTS, path)]
+    assert len(routes) > 70
+    secrets = {
+        scope: manage.add_token(own, f"all but {scope}", [each for each in SCOPES if each != scope])["token"]
+        for scope in SCOPES
+    }
+    with httpx.Client(base_url=own_server, timeout=60) as client:
+        for method, path in routes:
+            asked = re.sub(r"\{[^}]*\}", "x", path)
+            found = {
+                scope for route, scope in TAKES.items() if re.fullmatch(route, f"{method} {asked[len('/api/v1') :]}")
+            }
+            assert len(found) == 1, f"{method} {path}: name the scope that it takes in TAKES; found {sorted(found)}"
+            scope = found.pop()
+            answer = client.request(method, asked, headers={"Authorization": f"Bearer {secrets[scope]}"})
+            assert answer.status_code == 403, (method, path, answer.status_code)
+            assert f"takes the scope {scope};" in answer.json()["detail"], (method, path)
 
 
 def role_for(method: str, path: str) -> str:
@@ -259,12 +308,12 @@ def role_for(method: str, path: str) -> str:
     return found.pop()
 
 
-def dashboard_routes(own: Settings) -> list[tuple[str, str]]:
+def routes_below(own: Settings, prefix: str) -> list[tuple[str, str]]:
     app = create_app(own)
     found = [
         (method, str(route.path))
         for route in all_routes(app.routes)
-        if str(getattr(route, "path", "")).startswith("/admin") and not re.match(OPEN_TO_ALL, route.path)
+        if str(getattr(route, "path", "")).startswith(prefix) and not re.match(OPEN_TO_ALL, route.path)
         for method in sorted(route.methods - {"HEAD"})
     ]
     app.state.database.dispose()

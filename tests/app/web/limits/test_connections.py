@@ -110,7 +110,8 @@ def test_who_reads_nothing_of_a_long_answer_is_given_up(attacked: str) -> None:
         sent_until_closed(client, repeat(b"x" * 65536, 400))
 
 
-def test_many_silent_connections_leave_room_for_one_that_asks(attacked: str) -> None:
+def test_many_silent_connections_leave_room_for_one_that_asks(attacked: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "HEAD_WITHIN_S", 60.0)  # none is closed for its silence meanwhile
     with ExitStack() as opened:
         silent = [opened.enter_context(connected(attacked)) for _ in range(60)]
         assert httpx.get(f"{attacked}/healthz").status_code == 200

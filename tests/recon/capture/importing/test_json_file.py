@@ -229,3 +229,30 @@ def test_parts_of_a_json_that_hold_nothing_are_named(
     path.write_text(json.dumps(content))
     with pytest.raises(CaptureError, match=said):
         import_json(path, tmp_path / "out", OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("keys", "named"),
+    [
+        (("sensors", 0, "depth"), {"image": "{elsewhere}/{frame}.npy"}),
+        (("held_out",), [{"image": "{elsewhere}/1.png"}]),
+    ],
+)
+def test_a_job_of_the_server_reads_no_file_elsewhere_that_a_json_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keys: tuple[str | int, ...], named: Any
+) -> None:
+    record(tmp_path / "source")
+    write_picture(tmp_path / "elsewhere/1.png", 5)
+    for frame in (1, 2):
+        np.save(tmp_path / f"elsewhere/{frame}.npy", np.full((SIZE[1], SIZE[0]), 1.0))
+    path = described(tmp_path / "source")
+    content = json.loads(path.read_text())
+    part = content
+    for key in keys[:-1]:
+        part = part[key]
+    part[keys[-1]] = json.loads(json.dumps(named).replace("{elsewhere}", str(tmp_path / "elsewhere")))
+    path.write_text(json.dumps(content))
+    monkeypatch.setenv("RECONSTUDY_FILES_BELOW", str(tmp_path / "source"))
+    with pytest.raises(ValueError, match="lies outside the server's folders"):
+        import_json(path, tmp_path / "out", OPTIONS)
+    assert not (tmp_path / "out").exists()

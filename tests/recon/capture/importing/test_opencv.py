@@ -59,6 +59,20 @@ def test_a_written_calibration_is_read_back(tmp_path: Path, n_sensors: int) -> N
         np.testing.assert_allclose(found.left.cam_from_world, sensor.left.cam_from_world, atol=1e-9)
 
 
+def test_a_job_of_the_server_reads_no_photograph_elsewhere_that_a_calibration_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = tmp_path / "source"
+    record(source)
+    write_picture(tmp_path / "elsewhere.png", 5)
+    write_calibration(source / "calibration.yml", RIG)
+    with (source / "calibration.yml").open("a") as file:
+        file.write('held_out:\n   - { image: "../elsewhere.png" }\n')
+    monkeypatch.setenv("RECONSTUDY_FILES_BELOW", str(source))
+    with pytest.raises(ValueError, match="lies outside the server's folders"):
+        import_opencv(source, tmp_path / "out", OPTIONS)
+
+
 def test_what_is_wrong_in_an_opencv_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="holds no calibration file"):
         import_opencv(tmp_path, tmp_path / "out", OPTIONS)

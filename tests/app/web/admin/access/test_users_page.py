@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import timedelta
 from pathlib import Path
 
 import httpx
@@ -13,10 +14,13 @@ from app.main import running_server
 from app.operations.database import open_store
 from app.operations.studies import manage
 from app.settings import Settings
+from app.store.database.keys import utc_now
 from app.store.studies.audit import audit_records
 from tests.app.web.admin.dashboard_client import PASSWORD, Dashboard, signed_in
 
 pytestmark = pytest.mark.slow
+
+ELSEWHERE = {"X-Forwarded-For": "192.0.2.11"}  # other tests sign in from this address, too
 
 
 def test_an_owners_new_link_replaces_a_forgotten_password(
@@ -151,25 +155,56 @@ def test_a_token_reads_what_its_scopes_say_until_it_is_revoked(server: str, sett
 
 
 def test_the_audit_log_tells_what_was_done_and_holds_no_secret(server: str, settings: Settings) -> None:
+    began = utc_now()
     link = manage.add_experimenter(settings, "Vera")["path"]
-    with Dashboard(server) as vera:
+    account, people = "/admin/account", "/admin/users"
+    with Dashboard(server) as vera, signed_in(server, settings, "Olaf", "owner") as olaf:
+        vera.headers.update(ELSEWHERE)
         vera.enter(link)
+        vera.act(f"{account}/password", password=PASSWORD, again=PASSWORD)
+        secret = re.findall(r"<code>([A-Z2-7]{32})</code>", vera.act(f"{account}/second-factor").text)[0]
+        code = pyotp.TOTP(secret).now()
+        vera.act(f"{account}/second-factor/confirm", code=code, current=PASSWORD).raise_for_status()
+        vera.act(f"{account}/second-factor/end", current=PASSWORD).raise_for_status()
+        vera.act("/admin/logout")
+        vera.enter("/admin/sign-in", name="Vera", password=PASSWORD).raise_for_status()
+        with Dashboard(server) as there:
+            there.headers.update(ELSEWHERE)
+            there.enter("/admin/sign-in", name="Vera", password=PASSWORD).raise_for_status()
+        session = re.findall(r'name="session" value="(\d+)"', vera.get(account).text)[0]
+        vera.act(f"{account}/sessions/end", session=session, current=PASSWORD).raise_for_status()
+        vera.act(f"{account}/sessions/end-all", current=PASSWORD).raise_for_status()
+        olaf.act(f"{people}/role", name="Vera", role="viewer").raise_for_status()
+        olaf.act(f"{people}/studies", name="Vera", study="*").raise_for_status()
+        olaf.act(f"{people}/second-factor", name="Vera").raise_for_status()
+        olaf.act(f"{people}/link", name="Vera").raise_for_status()
+        olaf.act(f"{people}/disable", name="Vera").raise_for_status()
+        olaf.act("/admin/tokens", name="of Olaf", scope="read").raise_for_status()
+        olaf.act("/admin/tokens/revoke", name="of Olaf").raise_for_status()
     with Dashboard(server) as stranger:
+        stranger.headers.update(ELSEWHERE)
         stranger.get("/admin/login/guessed-at-random")
         stranger.get("/admin/setup/guessed-at-random")
         stranger.enter("/admin/sign-in", name="guessed-at-random", password="in the wrong field")
         stranger.get("/api/v1/studies", headers={"Authorization": "Bearer guessed-at-random"})
     database = open_store(settings)
     with database.reading() as connection:
-        entries = audit_records(connection, search="")
+        entries = [entry for entry in audit_records(connection, search="") if entry["at"] >= began]
     database.dispose()
-    told = [(entry["actor"], entry["action"]) for entry in entries]
-    assert ("Vera", "signed in") in told
-    for refused in ("sign-in refused", "set-up refused", "token refused"):
-        assert ("stranger", refused) in told
-    assert "guessed-at-random" not in str(entries)
-    assert ("command line", "sign-in link made") in told
-    assert link.rsplit("/", 1)[1] not in str(entries)
+    told = {(entry["actor"], entry["action"], entry["subject"], entry["detail"].get("by")) for entry in entries}
+    by_vera = ("password changed", "second factor turned on", "second factor turned off", "signed out", "session ended")
+    by_olaf = ("role changed", "studies changed", "second factor ended", "sign-in link made", "access ended")
+    assert {("Vera", action, "", None) for action in (*by_vera, "signed out everywhere")} <= told
+    assert {("Vera", "signed in", "", by) for by in ("link", "password")} <= told
+    assert {("Olaf", action, "Vera", None) for action in by_olaf} <= told
+    assert {("Olaf", action, "of Olaf", None) for action in ("token made", "token revoked")} <= told
+    assert {("stranger", "sign-in refused", "", by) for by in ("link", "password")} <= told
+    assert ("stranger", "set-up refused", "", "link") in told
+    assert ("stranger", "token refused", "/api/v1/studies", None) in told
+    assert ("command line", "sign-in link made", "Vera", None) in told
+    assert {entry["at"].utcoffset() for entry in entries} == {timedelta(0)}
+    for hidden in ("guessed-at-random", PASSWORD, secret, code, link.rsplit("/", 1)[1]):
+        assert hidden not in str(entries)
 
 
 def test_a_new_link_ends_sessions_even_without_a_password(server: str, settings: Settings) -> None:
