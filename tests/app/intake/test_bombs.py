@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -28,6 +29,7 @@ from app.intake.bounds import in_bounds
 from app.intake.models import read_model as read_attached_model
 from app.intake.reports import read_report
 from app.intake.zips import check_zip, unpack
+from app.operations.jobs.command import needed_environment
 from recon.models.read import Placement, read_model
 from tests.app.tiny_stimuli import encode, flat
 
@@ -227,12 +229,17 @@ def test_a_model_names_no_files_of_others(tmp_path: Path, place: str) -> None:
         read_model(folder / "ball.gltf", AS_IT_IS)
 
 
-def test_a_playlist_that_calls_itself_a_film_leads_nowhere(tmp_path: Path) -> None:
+def test_a_playlist_that_calls_itself_a_film_leads_nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     film, playlist = tmp_path / "film.mp4", tmp_path / "list.mp4"
     encode(film, flat("gray"))
-    playlist.write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{film}\n#EXT-X-ENDLIST\n", encoding="utf-8")
     assert decode(film).n_frames > 0
-    with pytest.raises(ValueError, match="cannot be decoded as a video"):
-        decode(playlist)
+    hls = f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{film}\n#EXT-X-ENDLIST\n"
+    for content in (hls, "ffconcat version 1.0\nfile film.mp4\n"):
+        playlist.write_text(content, encoding="utf-8")
+        with pytest.raises(ValueError, match="cannot be decoded as a video"):
+            decode(playlist)
+    for name, value in needed_environment().items():  # a job's, for OpenCV
+        monkeypatch.setenv(name, value)
+    assert [cv2.VideoCapture(str(path)).isOpened() for path in (film, playlist)] == [True, False]
     with pytest.raises(ValueError, match=r"ends in \.m3u8, expected one of \.mp4"):
         reading(tmp_path / "list.m3u8")

@@ -138,7 +138,9 @@ def test_every_answer_carries_security_headers(client: httpx.Client, path: str) 
     assert ("default-src 'none'" if path.startswith("/api/") else "default-src 'self'") in policy
     assert "frame-ancestors 'none'" in policy
     assert "unsafe" not in policy
-    assert path.startswith("/api/") or {"object-src 'none'", "base-uri 'none'"} <= {*policy.split("; ")}
+    of_page = {"object-src 'none'", "base-uri 'none'", "form-action 'self'"}
+    assert path.startswith("/api/") or of_page <= {*policy.split("; ")}
+    assert "script-src" not in policy  # the default holds, no more
     assert headers["x-content-type-options"] == "nosniff"
     assert headers["x-frame-options"] == "DENY"
     assert headers.get("referrer-policy") == (None if path.startswith("/api/") else "same-origin")

@@ -6,14 +6,18 @@ import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, get_args
 
 import httpx
 import pytest
+from fastapi.dependencies.models import Dependant
+from pydantic import BaseModel
 
 from app.main import UVICORN_OPTIONS, create_app, running_server
 from app.operations.studies import manage
 from app.settings import Settings
 from app.web.admin.layout import attachment
+from app.web.gates import fields_of
 from tests.app.web.admin.dashboard_client import PASSWORD, Dashboard
 from tests.app.web.http_checks import all_routes
 
@@ -61,12 +65,56 @@ def test_every_page_of_the_dashboard_offers_to_sign_out(owner: Dashboard, in_pro
     assert [path for path, text in shown.items() if 'action="/admin/logout"' not in text] == []
 
 
-def test_every_field_of_a_password_is_masked_and_may_be_filled_in_by_a_password_manager(owner: Dashboard) -> None:
-    with Dashboard(str(owner.base_url)) as nobody:
-        shown = owner.get("/admin/account").text + nobody.get("/admin").text
-    fields = re.findall(r'<input[^>]*name="(?:password|again|current)"[^>]*>', shown)
-    assert len(fields) >= 4
+def test_every_field_of_a_password_is_masked_and_may_be_filled_in_by_a_password_manager() -> None:
+    templates = [path.read_text(encoding="utf-8") for path in (ROOT / "templates").rglob("*.html")]
+    asking = "".join(text for text in templates if re.search(r'name="(?:password|current)"', text))
+    fields = re.findall(r'<input[^>]*name="(?:password|again|current)"[^>]*>', asking)
+    assert len(fields) >= 9
     assert [field for field in fields if 'type="password"' not in field or "autocomplete=" not in field] == []
+
+
+TAKES_TOKEN = {"acting", "acting_by_header", "may_change", "own_form", "participant_token"}
+TAKES_A_CODE = {  # of who has no session yet
+    "/resume",  # which also looks whether the form is its own
+    "/api/v1/session/resume",
+    "/api/v1/studies/{slug}/sessions",
+    "/api/v1/studies/{slug}/turned-away",
+}
+
+
+def test_whatever_changes_something_takes_the_token_of_its_form_or_session(in_production: Settings) -> None:
+    app = create_app(in_production)
+    app.state.database.dispose()
+    changing = [route for route in all_routes(app.routes) if route.methods - {"GET", "HEAD"}]
+    assert len(changing) > 100
+    assert {route.path for route in changing if TAKES_TOKEN.isdisjoint(gates(route.dependant))} == TAKES_A_CODE
+
+
+def test_no_body_takes_keys_that_nobody_knows(in_production: Settings) -> None:
+    app = create_app(in_production)
+    app.state.database.dispose()
+    routes = [route for route in all_routes(app.routes) if hasattr(route, "dependant")]
+    fields = [field for route in routes for field in fields_of(route.dependant).values()]
+    bodies = {model for field in fields for model in models(field.annotation)}
+    assert len(bodies) > 30
+    assert [body.__name__ for body in bodies if body.model_config.get("extra") != "forbid"] == []
+
+
+def models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Return the models of a type, and of all that they hold."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+        for field in annotation.model_fields.values():
+            yield from models(field.annotation)
+    for part in get_args(annotation):
+        yield from models(part)
+
+
+def gates(dependant: Dependant) -> Iterator[str]:
+    """Return the names of all that a route depends on, without the functions within them."""
+    for each in dependant.dependencies:
+        yield str(getattr(each.call, "__qualname__", "")).partition(".")[0]
+        yield from gates(each)
 
 
 @pytest.mark.slow
@@ -172,6 +220,22 @@ def test_no_command_runs_through_a_shell() -> None:
     files = [path for part in ("app", "recon", "ground") for path in sorted((ROOT / part).rglob("*.py"))]
     assert len(files) > 300
     assert [path.name for path in files if shell.search(path.read_text(encoding="utf-8"))] == []
+
+
+SQL_AS_TEXT = ("text", "literal_column", "exec_driver_sql")
+OF_OWN_NAMES = {"f\"LOCK TABLE {', '.j", "f'SET LOCAL statemen", "'BEGIN IMMEDIATE' if"}
+
+
+@pytest.mark.slow
+def test_no_query_is_text_made_of_what_people_send() -> None:
+    """SQL as text is written in the code; what varies in it are names of tables, and constants."""
+    found = set()
+    for path in sorted(file for part in ("web", "store", "operations") for file in (ROOT / "app" / part).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            is_sql = isinstance(node, ast.Call) and node.args and ast.unparse(node.func).split(".")[-1] in SQL_AS_TEXT
+            if is_sql and not isinstance(node.args[0], ast.Constant):  # type: ignore[attr-defined]  # a Call, as was asked
+                found.add(ast.unparse(node.args[0])[:20])  # type: ignore[attr-defined]
+    assert found == OF_OWN_NAMES
 
 
 @pytest.mark.slow
