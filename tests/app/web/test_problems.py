@@ -143,6 +143,7 @@ def test_every_answer_carries_security_headers(client: httpx.Client, path: str) 
     assert "script-src" not in policy  # the default holds, no more
     assert headers["x-content-type-options"] == "nosniff"
     assert headers["x-frame-options"] == "DENY"
+    assert headers["cross-origin-resource-policy"] == "same-origin"
     assert headers.get("referrer-policy") == (None if path.startswith("/api/") else "same-origin")
     assert "server" not in headers
 

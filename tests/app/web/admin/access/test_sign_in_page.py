@@ -126,7 +126,7 @@ def test_guessing_passwords_is_slowed_down_for_that_name_and_locks_out_nobody_el
         told = stranger.enter("/admin/sign-in", name="Paula", password="guess")
         assert int(told.headers["retry-after"]) > 0
         seen_from[0] = "192.0.2.2"
-        assert "Studies" in paula.enter("/admin/sign-in", name="Paula", password=PASSWORD).text
+        assert paula.enter("/admin/sign-in", name="Paula", password=PASSWORD).status_code == 200
         seen_from[0] = "192.0.2.3"  # the same for a few guesses of each of many names
         statuses = [stranger.enter("/admin/sign-in", name=f"P{n}", password="guess").status_code for n in range(11)]
         assert statuses == [401] * 10 + [429]
