@@ -245,6 +245,14 @@ def test_no_query_is_text_made_of_what_people_send() -> None:
 
 
 @pytest.mark.slow
+def test_no_number_that_can_be_foretold_becomes_a_secret() -> None:
+    foretold = re.compile(r"^(?:import|from) random\b|\b(?:np|numpy)\.random\b|uuid1", re.MULTILINE)
+    files = [path for part in ("web", "store") for path in (ROOT / "app" / part).rglob("*.py")]
+    found = {path.name for path in files if foretold.search(path.read_text(encoding="utf-8"))}
+    assert found == {"request_log.py"}  # the names of requests in the log
+
+
+@pytest.mark.slow
 def test_no_pattern_is_made_of_what_people_send() -> None:
     """Patterns of the server are written in the code; what varies in one is a constant or escaped."""
     found = []
