@@ -106,7 +106,12 @@ def test_a_path_is_no_new_name(name: str, here: Settings) -> None:
 
 
 @hypothesis_settings(max_examples=60)
-@given(st.dictionaries(st.sampled_from(["capture", "name", "depth", "frames", "voxel", "temporal"]), st.text()))
+@given(
+    st.dictionaries(
+        st.sampled_from(["capture", "name", "depth", "frames", "voxel", "temporal"]),
+        st.text() | st.sampled_from(["--out=/tmp", "new/../../x", *OUTSIDE]),
+    )
+)
 def test_no_text_becomes_an_option_or_a_path_outside(here: Settings, texts: dict[str, str]) -> None:
     kind = job_kind("reconstruct")
     try:

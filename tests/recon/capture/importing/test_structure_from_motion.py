@@ -165,12 +165,14 @@ def test_a_nerfstudio_world_with_z_up_becomes_y_up(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("place", ["{elsewhere}/1.png", "../elsewhere/1.png"])
+@pytest.mark.parametrize("key", ["file_path", "mask_path", "depth_file_path", "ply_file_path"])
 def test_a_job_of_the_server_imports_no_picture_from_elsewhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str, place: str
 ) -> None:
     write_pictures(tmp_path / "elsewhere")
     content = transforms(CAMERAS, Z_UP, 1000.0)
-    content["frames"][0]["file_path"] = place.format(elsewhere=tmp_path / "elsewhere")
+    said = content if key == "ply_file_path" else content["frames"][0]
+    said[key] = place.format(elsewhere=tmp_path / "elsewhere")
     source = nerfstudio_source(tmp_path / "source", content)
     monkeypatch.setenv("RECONSTUDY_FILES_BELOW", str(tmp_path / "source"))
     with pytest.raises(ValueError, match=r"1\.png lies outside the server's folders"):
