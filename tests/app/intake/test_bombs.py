@@ -28,7 +28,7 @@ from app.intake import bounds
 from app.intake.bounds import in_bounds
 from app.intake.models import read_model as read_attached_model
 from app.intake.reports import read_report
-from app.intake.zips import check_zip, unpack
+from app.intake.zips import MOST_FILES, check_zip, unpack
 from app.operations.jobs.command import needed_environment
 from recon.models.read import Placement, read_model
 from tests.app.tiny_stimuli import encode, flat
@@ -36,6 +36,7 @@ from tests.app.tiny_stimuli import encode, flat
 pytestmark = pytest.mark.slow
 
 MB = 1024 * 1024
+LARGEST_MB = 32
 ENDS_WITHIN_S = 30
 AS_IT_IS = Placement("mm", ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)), 2.0)
 
@@ -53,6 +54,16 @@ def zipped(path: Path, files: dict[str, bytes], method: int = zipfile.ZIP_DEFLAT
         ({"report.json": b" " * (LARGEST_JSON + 1)}, zipfile.ZIP_STORED, "report.json unpacks to 16.0 MB, far more"),
         ({"a.csv": b"0" * 3 * MB}, zipfile.ZIP_DEFLATED, "a.csv unpacks to 3.0 MB, far more"),
         ({"a.csv": b"0"}, zipfile.ZIP_LZMA, "packed by another method than Deflate"),
+        (
+            {f"{n}.csv": b"" for n in range(MOST_FILES + 1)},
+            zipfile.ZIP_STORED,
+            f"holds {MOST_FILES + 1} files; expected",
+        ),
+        (
+            {f"{n}.csv": b"0" * MB for n in range(LARGEST_MB + 1)},
+            zipfile.ZIP_DEFLATED,
+            f"unpacks to {LARGEST_MB + 1} MB",
+        ),
         ({f"{n}.csv": b"0" * MB for n in range(30)}, zipfile.ZIP_DEFLATED, "unpacks to far more than it may"),
     ],
 )
@@ -100,8 +111,8 @@ def test_a_name_that_is_not_in_utf_8_and_a_newer_kind_of_zip_are_refused(tmp_pat
 
 
 def receive(packed: Path, out: Path) -> None:
-    check_zip(packed, 4096)
-    unpack(packed, out, 4096 * MB, (".csv", ".json"), "results")
+    check_zip(packed, LARGEST_MB)
+    unpack(packed, out, LARGEST_MB * MB, (".csv", ".json"), "results")
 
 
 def test_what_takes_too_much_memory_or_time_ends_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
