@@ -30,7 +30,7 @@ Pixel = Annotated[float, Field(ge=0, lt=65536, allow_inf_nan=False)]
 class Stroke(BaseModel):
     """A line of a width over pixels that belong to the foreground, or to the background."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     label: Literal["foreground", "background"]
     points: Annotated[list[tuple[Pixel, Pixel]], Field(min_length=1, max_length=4000)]
@@ -39,6 +39,8 @@ class Stroke(BaseModel):
 
 class PlacedStroke(Stroke):
     """A stroke, and the picture that it is on."""
+
+    model_config = ConfigDict(extra="ignore")  # of a file that another program may have written
 
     sensor: str
     side: Literal["left", "right"]

@@ -52,6 +52,7 @@ SESSION_HEADER = "Session-Id"  # the session that a page shows; the browser's co
 BROWSERS = (("Edg", "Edge"), ("OPR", "Opera"), ("Firefox", "Firefox"), ("Chrome", "Chrome"), ("Safari", "Safari"))
 SYSTEMS = ("Windows", "Android", "iPhone", "iPad", "Mac", "Linux")
 
+FORMS = ("application/x-www-form-urlencoded", "multipart/form-data")  # a client chooses which
 FORM_TOKEN = "form_token"  # in every form of ours
 WHOLE_FORMS: set[Callable[..., Any]] = set()  # dependencies that read a whole form
 
@@ -73,10 +74,10 @@ async def check_request_text(request: Request) -> None:
         return  # a file, whatever its type is said to be; it is not read into memory
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     try:
-        if kind == "application/x-www-form-urlencoded":
+        if kind in FORMS:
             fields = (await request.form()).multi_items()  # a name may come more than once
-            for name, text in fields:
-                check_text({name: text})
+            for name, part in fields:
+                check_text({name: part if isinstance(part, str) else part.filename})
             _refuse_unknown(request, [name for name, _ in fields])
         elif kind.endswith("json"):
             check_text(await request.json())  # kept by the request, so nothing is read twice

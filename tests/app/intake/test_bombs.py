@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -27,13 +28,15 @@ from app.intake import bounds
 from app.intake.bounds import in_bounds
 from app.intake.models import read_model as read_attached_model
 from app.intake.reports import read_report
-from app.intake.zips import check_zip, unpack
+from app.intake.zips import MOST_FILES, check_zip, unpack
+from app.operations.jobs.command import needed_environment
 from recon.models.read import Placement, read_model
 from tests.app.tiny_stimuli import encode, flat
 
 pytestmark = pytest.mark.slow
 
 MB = 1024 * 1024
+LARGEST_MB = 32
 ENDS_WITHIN_S = 30
 AS_IT_IS = Placement("mm", ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)), 2.0)
 
@@ -51,6 +54,16 @@ def zipped(path: Path, files: dict[str, bytes], method: int = zipfile.ZIP_DEFLAT
         ({"report.json": b" " * (LARGEST_JSON + 1)}, zipfile.ZIP_STORED, "report.json unpacks to 16.0 MB, far more"),
         ({"a.csv": b"0" * 3 * MB}, zipfile.ZIP_DEFLATED, "a.csv unpacks to 3.0 MB, far more"),
         ({"a.csv": b"0"}, zipfile.ZIP_LZMA, "packed by another method than Deflate"),
+        (
+            {f"{n}.csv": b"" for n in range(MOST_FILES + 1)},
+            zipfile.ZIP_STORED,
+            f"holds {MOST_FILES + 1} files; expected",
+        ),
+        (
+            {f"{n}.csv": b"0" * MB for n in range(LARGEST_MB + 1)},
+            zipfile.ZIP_DEFLATED,
+            f"unpacks to {LARGEST_MB + 1} MB",
+        ),
         ({f"{n}.csv": b"0" * MB for n in range(30)}, zipfile.ZIP_DEFLATED, "unpacks to far more than it may"),
     ],
 )
@@ -98,8 +111,8 @@ def test_a_name_that_is_not_in_utf_8_and_a_newer_kind_of_zip_are_refused(tmp_pat
 
 
 def receive(packed: Path, out: Path) -> None:
-    check_zip(packed, 4096)
-    unpack(packed, out, 4096 * MB, (".csv", ".json"), "results")
+    check_zip(packed, LARGEST_MB)
+    unpack(packed, out, LARGEST_MB * MB, (".csv", ".json"), "results")
 
 
 def test_what_takes_too_much_memory_or_time_ends_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -227,12 +240,17 @@ def test_a_model_names_no_files_of_others(tmp_path: Path, place: str) -> None:
         read_model(folder / "ball.gltf", AS_IT_IS)
 
 
-def test_a_playlist_that_calls_itself_a_film_leads_nowhere(tmp_path: Path) -> None:
+def test_a_playlist_that_calls_itself_a_film_leads_nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     film, playlist = tmp_path / "film.mp4", tmp_path / "list.mp4"
     encode(film, flat("gray"))
-    playlist.write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{film}\n#EXT-X-ENDLIST\n", encoding="utf-8")
     assert decode(film).n_frames > 0
-    with pytest.raises(ValueError, match="cannot be decoded as a video"):
-        decode(playlist)
+    hls = f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{film}\n#EXT-X-ENDLIST\n"
+    for content in (hls, "ffconcat version 1.0\nfile film.mp4\n"):
+        playlist.write_text(content, encoding="utf-8")
+        with pytest.raises(ValueError, match="cannot be decoded as a video"):
+            decode(playlist)
+    for name, value in needed_environment().items():  # a job's, for OpenCV
+        monkeypatch.setenv(name, value)
+    assert [cv2.VideoCapture(str(path)).isOpened() for path in (film, playlist)] == [True, False]
     with pytest.raises(ValueError, match=r"ends in \.m3u8, expected one of \.mp4"):
         reading(tmp_path / "list.m3u8")

@@ -32,7 +32,8 @@ def test_completing_a_stage_again_changes_nothing(current: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stage", "current"), [(TRIAL, INTRODUCTION), (TRIAL, TRIAL), (FINISHED, TRIAL), (FINISHED, FINISHED)]
+    ("stage", "current"),
+    [(TRIAL, INTRODUCTION), (TRIAL, TRIAL), (FINISHED, TRIAL), (FINISHED, FINISHED), (INTERVIEW, INTRODUCTION)],
 )
 def test_stages_that_end_by_themselves_or_lie_ahead_cannot_be_completed(stage: str, current: str) -> None:
     with pytest.raises(IllegalMoveError):

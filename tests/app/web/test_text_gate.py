@@ -65,6 +65,17 @@ def test_every_value_of_a_field_that_is_sent_twice_is_looked_at(experimenter: Da
     assert "name holds a NUL character" in answer.text
 
 
+def test_a_form_in_parts_passes_the_same_gate(experimenter: Dashboard, study: dict[str, Any]) -> None:
+    for field, told in (
+        ({"name": "Twin\0"}, "name holds a NUL character"),
+        ({"nam": "Twin"}, "no field &#39;nam&#39;"),
+    ):
+        parts = {name: (None, text) for name, text in {"form_token": experimenter.form_token, **field}.items()}
+        answer = experimenter.post(f"/admin/studies/{study['slug']}/duplicate", files=parts)
+        assert answer.status_code == 422
+        assert told in answer.text
+
+
 @pytest.mark.slow
 def test_a_study_that_holds_unreadable_text_can_still_be_read_and_exported(
     client: httpx.Client,

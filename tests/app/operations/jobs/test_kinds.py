@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from typer.main import get_command
@@ -106,6 +106,9 @@ def test_a_path_is_no_new_name(name: str, here: Settings) -> None:
 
 
 @hypothesis_settings(max_examples=60)
+@example({"name": "../x"})
+@example({"name": "--out=/tmp"})
+@example({"capture": "../captures/ball"})
 @given(st.dictionaries(st.sampled_from(["capture", "name", "depth", "frames", "voxel", "temporal"]), st.text()))
 def test_no_text_becomes_an_option_or_a_path_outside(here: Settings, texts: dict[str, str]) -> None:
     kind = job_kind("reconstruct")

@@ -115,6 +115,18 @@ def test_no_secret_that_lets_in_is_kept(database: Database, session_token: str) 
     assert {len(secret) for secret in secrets} == {43}  # 256 bits, six a letter
 
 
+def test_a_recovery_code_lets_in_its_own_person_alone(database: Database) -> None:
+    for name in ("Rosa", "Otto"):
+        renew_link(database, name, NOW)
+    with database.writing() as connection:
+        rosa, otto = experimenter_named(connection, "Rosa"), experimenter_named(connection, "Otto")
+        assert rosa is not None
+        assert otto is not None
+        code = confirm_second_factor(connection, rosa.id, NOW)[0]
+        assert not spend_recovery_code(connection, otto.id, code)
+        assert spend_recovery_code(connection, rosa.id, code)
+
+
 def test_a_link_expires(database: Database) -> None:
     secret = renew_link(database, "Rosa", NOW)
     with database.reading() as connection:

@@ -268,6 +268,16 @@ def test_results_are_taken_with_the_forms_token_and_from_experimenters_only(
         assert "upload-form" not in vito.get(f"{compared}/objective").text
 
 
+def test_an_upload_that_does_not_say_how_large_it_is_ends_at_the_limit(
+    own_server: str, own: Settings, compared: str
+) -> None:
+    with signed_in(own_server, own, "Eva") as eva:
+        token = {"X-CSRF-Token": eva.form_token, "Accept": "application/json"}
+        for path in ("/admin/stimuli/upload", "/admin/studies/import", f"{compared}/upload"):
+            answer = eva.put(path, content=iter([b"PK", b"0" * 2**20]), headers=token)
+            assert (answer.status_code, "more than 1 MB" in answer.text) == (413, True), path
+
+
 def test_an_upload_that_is_too_large_is_refused_before_it_is_sent(own_server: str, own: Settings) -> None:
     with signed_in(own_server, own, "Eva") as eva:
         cookie, token = eva.cookies["experimenter"], eva.form_token

@@ -123,6 +123,8 @@ def test_a_large_body_of_another_kind_is_not_read_into_memory(manager: httpx.Cli
     """A file's address takes more than a form does: what is sent there as JSON goes to the disk, and has its limit."""
     large = manager.post("sets", content=b"[" * 9 * 2**20, headers={"Content-Type": "application/json"})
     assert is_problem(large, 413)
+    for path in ("votes", "studies/import", f"studies/{study}/results"):
+        assert is_problem(manager.post(path, content=iter([b"0" * 2**20] * 9)), 413), path
     assert is_problem(manager.patch(f"studies/{study}", content=b"[" * 9 * 2**20), 413)
 
 

@@ -26,6 +26,7 @@ def test_a_changed_password_ends_the_other_sessions(small_server: str, small: Se
         assert "Studies" in there.get("/admin").text
         again = {"password": PASSWORD + "!", "again": PASSWORD + "!"}
         assert here.act("/admin/account/password", current="wrong", **again).status_code == 422
+        assert here.act("/admin/account/password", current=PASSWORD, password="short", again="short").status_code == 422
         assert here.act("/admin/account/password", current=PASSWORD, **again).status_code == 200
         assert there.get("/admin").status_code == 401
 

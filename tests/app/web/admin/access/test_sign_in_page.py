@@ -48,6 +48,7 @@ def test_the_first_start_gives_a_link_that_works_once(fresh: Settings, fresh_ser
         assert all("Nobody can sign in yet" in stranger.get(page).text for page in ("/admin", "/admin/sign-in"))
         assert "Set up this server" in stranger.get(path).text
         assert stranger.enter(path, **{**form, "again": "something else"}).status_code == 422
+        assert stranger.enter(path, **{**form, "password": "short", "again": "short"}).status_code == 422
         assert "Olga Owner" in stranger.enter(path, **form).text
         assert late.get(path).status_code == 401
         assert "Nobody can sign in yet" not in late.get("/admin").text
@@ -125,7 +126,15 @@ def test_guessing_passwords_is_slowed_down_for_that_name_and_locks_out_nobody_el
         told = stranger.enter("/admin/sign-in", name="Paula", password="guess")
         assert int(told.headers["retry-after"]) > 0
         seen_from[0] = "192.0.2.2"
-        assert "Studies" in paula.enter("/admin/sign-in", name="Paula", password=PASSWORD).text
+        assert paula.enter("/admin/sign-in", name="Paula", password=PASSWORD).status_code == 200
+        seen_from[0] = "192.0.2.3"  # the same for a few guesses of each of many names
+        statuses = [stranger.enter("/admin/sign-in", name=f"P{n}", password="guess").status_code for n in range(11)]
+        assert statuses == [401] * 10 + [429]
+        seen_from[0] = "192.0.2.4"
+        assert [stranger.get(f"/admin/login/{n}").status_code for n in range(11)] == [401] * 10 + [429]
+        seen_from[0] = "192.0.2.5"  # and for who found a browser in which somebody is signed in
+        ends = [paula.act("/admin/account/sessions/end-all", current="guess").status_code for _ in range(6)]
+        assert ends == [422] * 5 + [429]
 
 
 def test_forms_for_strangers_are_taken_from_our_own_pages_only(tmp_path: Path) -> None:

@@ -65,6 +65,8 @@ def test_a_new_link_asks_for_the_second_factor_until_an_owner_ends_it(
         assert fred.enter(first).status_code == 401
         assert fred.enter(first, code="000000").status_code == 401
         assert "Studies" in fred.enter(first, code=codes[0]).text  # a wrong code has not used it up
+        second = link()
+        assert [fred.enter(second, code="000000").status_code for _ in range(11)] == [401] * 10 + [429]
         olaf.act("/admin/users/second-factor", name="Fred")
         assert fred.get("/admin").status_code == 401
         assert "Studies" in fred.enter(link()).text

@@ -203,6 +203,8 @@ def test_an_upload_that_could_not_be_kept_is_refused_before_it_begins(own_server
             answer = begin(eva, **({"kind": "captures", "name": "x", "content": b"x"} | changes))
             assert answer.status_code in (413, 422)
             assert complaint in answer.json()["detail"]
+        upload = begin(eva, "captures", "x", b"12").json()["upload"]
+        assert "More bytes came" in add(eva, upload, b"123", 0).json()["detail"]
 
 
 def test_an_upload_for_which_there_was_room_goes_on(
