@@ -110,18 +110,21 @@ NEVER = frozenset(
         "remarks reason count weight consent role protocol reference replicates repetition rep ip ipaddress "
         "latitude longitude scene locationlatitude locationlongitude qrecaptchascore externalreference phase city "
         "zip zipcode email income height_cm cohort site lab room price reward payment bonus kurtosis skew skewness "
-        "outlier outliers ratio percent iqr clicks plays replays views looks switches toggles visits position hours "
+        "outlier outliers ratio percent iqr minimum maximum quartile clicks plays replays views looks switches toggles visits position hours "
         "familiarity gaming ssq tlx sus presence nausea sickness cybersickness discomfort workload immersion alter "
-        "geschlecht edad sexo sexe mittelwert durchschnitt moyenne promedio overall"
+        "geschlecht edad sexo sexe mittelwert durchschnitt moyenne promedio overall stdabw stabw standardabweichung "
+        "anzahl streuung varianz écarttype 平均 平均值 标准差"
     )
 ) | {""}
 # Rows of a wide table that are nobody.
 SUMMARIES = frozenset(
     words_of(
         "mos dmos cmos sd std stdev stddev se sem ci ci95 95ci mean average avg median var variance total totals sum "
-        "all overall summary mittelwert durchschnitt gesamt summe moyenne promedio"
+        "all overall summary mittelwert durchschnitt gesamt summe moyenne promedio count minimum maximum "
+        "stdabw stabw standardabweichung varianz anzahl écarttype 平均 平均值 标准差"
     )
 )
+INITIALS = frozenset(words_of("sd std se sem ci var sum all"))  # of statistics, or of people
 # What a column is likely to say if its name or its cells hold this: that some rows should not count, or are apart.
 SUSPICIOUS = re.compile(
     r"practi[cs]|train|warm.?up|exclu|reject|discard|remove|outlier|attention|catch|trap|gold|sanity|honeypot|session|"

@@ -25,6 +25,7 @@ from app.analysis.reading.kinds.seen import (
     rating_of,
     says,
     summaries,
+    with_people_alone,
 )
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
@@ -58,7 +59,7 @@ def find_comparisons(seen: Seen) -> Description | None:
     is_sure = "rating" in seen.given or seen.told.format == "ccr" or plain(rating[0]) == "rating"
     if not is_sure and {*values_of(choice)} <= {0.0, 0.5, 1.0}:
         _ask_about_points(choice, rating[0], item_a, item_b)
-    return as_grades(Description(COMPARISONS, columns | optional), choice)
+    return as_grades(with_people_alone(seen, Description(COMPARISONS, columns | optional)), choice)
 
 
 def _ask_about_points(column: Column, name: str, item_a: str, item_b: str) -> None:
@@ -95,7 +96,8 @@ def find_ratings(seen: Seen) -> Description | None:
     worded = {word.lower() for word in seen.column(rating[0]).filled}
     is_worded = len(worded) > 1 and worded <= set(GRADES)  # a single word is rather a mistake
     note = "words are grades: excellent is 5, bad is 1" if is_worded else ""
-    return Description(RATINGS, columns | optional, words=GRADES if note else {}, notes=(note,) if note else ())
+    described = Description(RATINGS, columns | optional, words=GRADES if note else {}, notes=(note,) if note else ())
+    return with_people_alone(seen, described)
 
 
 def find_wide_ratings(seen: Seen) -> Description | None:

@@ -20,6 +20,7 @@ from app.analysis.reading.kinds.seen import (
     rating_of,
     says,
     summaries,
+    with_people_alone,
 )
 from app.analysis.reading.layouts import joined_column, rows_of
 from app.analysis.reading.votes_table import VotesError
@@ -127,6 +128,7 @@ def _names_items(column: Column, pair: Sequence[str]) -> bool:
 
 def with_meaning(seen: Seen, description: Description) -> Description:
     """Complete a description of votes with what its choices mean; grades make it one of comparisons."""
+    description = with_people_alone(seen, description)
     rows = rows_of(seen.table, description)
     choice, item_a, item_b = (rows.columns[name] for name in ("choice", "item_a", "item_b"))
     if seen.told.format == "ccr":
