@@ -14,7 +14,7 @@ from app.analysis.reading.cells import Column, Problems, number_or_nan, numbered
 from app.analysis.reading.description import COMPARISONS, Description, Told
 from app.analysis.reading.layouts import LongTable, flags, rows_of
 from app.analysis.reading.phrases import counted
-from app.analysis.reading.sources import Source, fingerprint, in_lists, recognise_file
+from app.analysis.reading.sources import Source, fingerprint, in_lists, look_alikes, recognise_file
 from app.analysis.reading.votes_table import ROLE_CODES, VotesError
 
 SCALE = (1.0, 5.0)  # of ITU-T P.910, five-level
@@ -59,7 +59,11 @@ def understand_ratings(
         warnings.append(
             "no grade is 0 or below: if the scale begins at 1, write its middle as 0 and the first item's side below it"
         )
-    return table, [_sentence(source, table, left_out), *source.warned(warnings)]
+    names = {"participants": table.participants} | {
+        what: tuple(dict.fromkeys(names[place] for names in table.items))
+        for place, what in enumerate(("datasets", "conditions"))
+    }
+    return table, [_sentence(source, table, left_out), *look_alikes(names), *source.warned(warnings)]
 
 
 def _sentence(source: Source, table: RatingTable | ComparisonTable, left_out: str) -> str:

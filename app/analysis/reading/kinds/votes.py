@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
-from app.analysis.reading.cells import Column, is_numeric, named, values_of
+import numpy as np
+
+from app.analysis.reading.cells import Column, is_numeric, named, number_or_nan, shown, values_of
 from app.analysis.reading.choices import Asked, Meaning, binary_meaning, codes_of, grade_of, understand_choices
 from app.analysis.reading.description import VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
@@ -40,6 +43,8 @@ from app.analysis.reading.words import (
 
 TO_MATCH = ("x", "stimulusx", "stimx", "samplex", "videox", "clipx", "imagex")
 MOST_TOTALS = 5  # rows of a matrix that are no item's
+LOSERS_FIRST = re.compile(r"^\W*(los(er|t|es|ing)|verlierer|perdant)", re.IGNORECASE)  # of a matrix
+FEWEST_DOUBTED = 3  # items of a matrix; two may well have won as often
 MOST_PLACES = 3  # different places that an item may have
 FEWEST_DASHED = 2  # columns named "x - y"; a single one may be anything
 
@@ -57,9 +62,26 @@ def find_matrix(seen: Seen) -> Description | None:
     items = [name for row, name in enumerate(first.texts) if row not in totals]
     if len(items) != len(spread) or len(items) < 2 or set(items) != {item for (item,) in spread.values()}:
         return None
+    if LOSERS_FIRST.search(names[0]):
+        raise VotesError(f"is a matrix of {shown(names[0])}, expected winners in rows: exchange its rows and columns")
     note = f"a matrix of win counts of {len(items)} items, of the row over the column"
     columns = {"item_a": (seen.table.names[0],)}
-    return Description(VOTES, columns, "matrix", spread, "condition", without=totals, notes=(note,))
+    doubts = _doubts_of_matrix(seen, [items.index(name) for name in spread], [*spread], totals)
+    return Description(VOTES, columns, "matrix", spread, "condition", without=totals, notes=(note,), warnings=doubts)
+
+
+def _doubts_of_matrix(seen: Seen, order: Sequence[int], names: Sequence[str], totals: Sequence[int]) -> tuple[str, ...]:
+    """Say why a matrix may be none of wins: it is the same both ways, or only one side of the diagonal is filled."""
+    columns = [np.delete(seen.column(name).meaning(number_or_nan, np.float64), totals) for name in names]
+    cells = np.nan_to_num(np.stack(columns, axis=1)[np.asarray(order)])
+    np.fill_diagonal(cells, 0)
+    if len(names) < FEWEST_DOUBTED or not cells.any():
+        return ()
+    if (cells == cells.T).all():
+        return ("the matrix is the same both ways: is it the number of comparisons rather than of wins?",)
+    if not np.triu(cells).any() or not np.tril(cells).any():
+        return ("only one side of the diagonal is filled: the other item of each pair is taken never to have won",)
+    return ()
 
 
 def find_wide_pairs(seen: Seen) -> Description | None:

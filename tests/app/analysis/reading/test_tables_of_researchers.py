@@ -57,3 +57,21 @@ def test_statistics_below_a_long_table_are_nobody(tmp_path: Path) -> None:
     assert read == [("x", "y"), ("x", "y")]
     read, _ = ratings(write(tmp_path, "clip,R1,R2\nx,3,4\ny,2,2\nMittelwert,2.5,3\nAnzahl,2,2\n"))
     assert {condition for _, condition, _ in read} == {"x", "y"}
+
+
+def test_names_of_ratings_that_look_alike_are_named_and_so_are_numbers(tmp_path: Path) -> None:
+    _, said = ratings(write(tmp_path, f"{RATED}\n1,x,3\n1.0,X,4\n10,x,4\n"))
+    assert "'1' and '1.0' look alike and are counted as 2 participants" in said
+    assert "'x' and 'X' look alike and are counted as 2 conditions" in said
+    assert not any("'10'" in line for line in said[1:])
+
+
+def test_a_matrix_that_may_not_be_of_wins_of_the_row_is_asked_about_or_warned_of(tmp_path: Path) -> None:
+    with pytest.raises(VotesError, match=r"'loser \\\\ winner'.*exchange its rows and columns"):
+        votes(write(tmp_path, "loser \\ winner,x,y\nx,,3\ny,4,\n"))
+    _, said = votes(write(tmp_path, ",x,y,z\nx,0,5,5\ny,5,0,5\nz,5,5,0\n"))
+    assert "number of comparisons rather than of wins" in warnings(said)
+    _, said = votes(write(tmp_path, ",x,y,z\nx,,5,4\ny,,,3\nz,,,\n"))
+    assert "only one side of the diagonal is filled" in warnings(said)
+    _, said = votes(write(tmp_path, "winner \\ loser,x,y,z\nx,,5,4\ny,2,,3\nz,2,1,\n"))
+    assert not warnings(said)
