@@ -31,9 +31,12 @@ from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import (
     COUNTS,
+    MOST_PLACES,
     MULTIPLE,
+    PLACED,
     SEVERAL,
     SEVERAL_RUNS,
+    SWAPPED,
     TRUE_FALSE,
     is_never,
     is_suspicious,
@@ -110,7 +113,7 @@ def _several(matches: Mapping[str, Description]) -> QuestionError:
         told = Told(format=name)
         for role in ("choice", "rating", "rank"):
             if role in description.columns:
-                told = Told(columns={role: JOIN.join(description.columns[role])})
+                told = Told({role: JOIN.join(description.columns[role])}, format=name if name == "ratings" else "")
         readings.append(Reading(BY_NAMES[name][1].format_map(names), told))
     return QuestionError(f"the columns can be read in {len(readings)} ways", readings)
 
@@ -171,6 +174,11 @@ def _with_lists(seen: Seen, description: Description) -> Description:
                 f"the column {name!r} is not used: what it tells apart ({named([repr(word) for word in words[:4]])}) "
                 f"counts as the same; {Told(columns={'dataset': name})} keeps it apart"
             )
+        elif _may_turn_choices(name, column, description):
+            warnings.append(
+                f"the column {name!r} is not used, and may say that items stood the other way round in some rows; "
+                "if so, exchange item_a and item_b there"
+            )
         elif is_suspicious(name, words) and (column.filled or not len(seen.table)):
             holds = named([repr(word) for word in column.filled[:4]]) or "nothing"
             warnings.append(
@@ -186,9 +194,19 @@ def _with_lists(seen: Seen, description: Description) -> Description:
     return replace(description, not_used=rest, warnings=tuple(warnings))
 
 
+def _may_turn_choices(name: str, column: Column, description: Description) -> bool:
+    """May a column say which item stood where, in a table whose choices are sides?"""
+    if description.holds != VOTES or description.layout != "rows" or description.by_item:
+        return False
+    speaks = SWAPPED.search(name) or (PLACED.search(name) and "trial" not in plain(name))
+    return bool(speaks) and 1 < len(column.filled) <= MOST_PLACES
+
+
 def _way_to_use(name: str, column: Column, description: Description) -> str:
     """Return what to do with a column that may say which rows count, where doing it can be right."""
     if len(column.filled) < 2:
+        return ""
+    if SWAPPED.search(name):
         return ""
     is_run = SEVERAL_RUNS.search(name)
     if is_run and "dataset" not in description.columns:

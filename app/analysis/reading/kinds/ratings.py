@@ -107,6 +107,8 @@ def find_wide_ratings(seen: Seen) -> Description | None:
     rated = rated_columns(seen, told, who)
     if len(who) != 1 or len(rated) < FEWEST_RATED:
         return None
+    if seen.pairs and not told and not set(seen.pairs[0]) & set(rated):
+        return None  # two items in each row, and no column that is known to say which is preferred
     if len(told) < 2:
         _ask_if_something_else(seen, rated, who)
     (role,) = who
@@ -165,8 +167,8 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
     values = {value for name in rated for value in values_of(seen.column(name))}
     if len(values) == 2 and values <= {0.0, 1.0, 2.0} and len(seen.table) > 1:
         raise QuestionError(
-            f"the cells of {named(rated)} are only {' and '.join(f'{value:g}' for value in sorted(values))}: ratings, "
-            "or choices (name a column of choices by its pair, such as 'x vs y')",
+            f"the cells of {named(rated)} are only {' and '.join(f'{value:g}' for value in sorted(values))}: if these "
+            "are choices of one of two items, rename each column by its pair in the file, such as 'x vs y'",
             [Reading("ratings", Told(format="ratings"))],
         )
     if _are_ranks(seen, rated):

@@ -10,8 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from app.analysis.reading.cells import Column, is_numeric, named, number_or_nan, shown, values_of
-from app.analysis.reading.choices import Asked, Meaning, binary_meaning, codes_of, grade_of, understand_choices
-from app.analysis.reading.description import VOTES, Description, QuestionError, Reading, Told
+from app.analysis.reading.choices import (
+    Asked,
+    Meaning,
+    binary_meaning,
+    codes_of,
+    grade_of,
+    may_be_codes,
+    understand_choices,
+)
+from app.analysis.reading.description import JOIN, VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
     NOT_USED,
     WIDE_ROLES,
@@ -31,6 +39,7 @@ from app.analysis.reading.words import (
     BINARY_CHOICES,
     COMMENTS,
     ENDS,
+    MOST_PLACES,
     MULTIPLE,
     OPTIONAL,
     PLACED,
@@ -45,7 +54,6 @@ TO_MATCH = ("x", "stimulusx", "stimx", "samplex", "videox", "clipx", "imagex")
 MOST_TOTALS = 5  # rows of a matrix that are no item's
 LOSERS_FIRST = re.compile(r"^\W*(los(er|t|es|ing)|verlierer|perdant)", re.IGNORECASE)  # of a matrix
 FEWEST_DOUBTED = 3  # items of a matrix; two may well have won as often
-MOST_PLACES = 3  # different places that an item may have
 FEWEST_DASHED = 2  # columns named "x - y"; a single one may be anything
 
 
@@ -157,12 +165,9 @@ def with_meaning(seen: Seen, description: Description) -> Description:
         return as_grades(description, choice)
     is_graded = is_numeric(choice) and any(value != int(value) or not -1 <= value <= 3 for value in values_of(choice))
     are_items = set(choice.filled) <= {*item_a.filled, *item_b.filled}
-    if is_graded and not are_items and not {"a", "b", "by"} & set(seen.told.choices):
-        raise QuestionError(
-            f"the choices {named(sorted(choice.filled)[:6])} are numbers",
-            [Reading("grades, how much better the second of two items is", Told(format="ccr"))],
-        )
-    name_a, name_b = (description.columns.get(role, (role,))[0] for role in ("item_a", "item_b"))
+    name_a, name_b = (JOIN.join(description.columns.get(role, (role,))) for role in ("item_a", "item_b"))
+    if is_graded and not are_items and not may_be_codes(choice) and not {"a", "b", "by"} & set(seen.told.choices):
+        raise _ask_whose_grades(description, choice, name_a, name_b)
     asked = Asked(
         choice,
         item_a,
@@ -178,6 +183,17 @@ def with_meaning(seen: Seen, description: Description) -> Description:
     return replace(
         description, words=dict(meaning.words), by_item=meaning.by_item, expected=meaning.expected, notes=notes
     )
+
+
+def _ask_whose_grades(description: Description, choice: Column, item_a: str, item_b: str) -> QuestionError:
+    about = f"the choices {named(sorted(choice.filled)[:6])} are numbers"
+    if description.layout != "rows":
+        return QuestionError(about, [Reading("grades, how much better the second item is", Told(format="ccr"))])
+    turned = Told(columns={"item_a": item_b, "item_b": item_a}, format="ccr")
+    better = "grades, how much better {} is than {}"
+    readings = [Reading(better.format(item_b, item_a), Told(format="ccr")),
+                Reading(better.format(item_a, item_b), turned)]  # fmt: skip
+    return QuestionError(about, readings)
 
 
 def _binary(seen: Seen, description: Description) -> Meaning | None:
@@ -209,7 +225,10 @@ def _ask_about_sides(seen: Seen, description: Description, asked: Asked, meaning
         holds_items = bool(column.filled) and set(column.filled) <= items
         if plain(name) in TO_MATCH and name not in used and holds_items:
             reading = Reading("answers say which of the two is preferred", Told(choices={"by": "side"}))
-            raise QuestionError(f"the column {name!r} may be what the two were to be compared with (ABX)", [reading])
+            raise QuestionError(
+                f"the column {name!r} may be what the two were to be compared with (ABX); matches are no preferences",
+                [reading],
+            )
         is_told = name in used and name not in description.columns.get("first_shown", ())
         if not speaks or is_told or not len(column.filled) > 1:
             continue

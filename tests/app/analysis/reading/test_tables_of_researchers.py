@@ -33,12 +33,11 @@ def ratings(path: Path, scale: tuple[float, float] | None = None, **told: Any) -
 
 
 def votes(path: Path, **told: Any) -> tuple[list[Any], list[str]]:
-    """Return the preferred and the other item of each row, both in order without a preference, and what was said."""
+    """Return the preferred and the other item of each row, marked without a preference; and what was said."""
     table, said = understand_votes([recognise_file(path, Told(**told))])
     rows = zip(table.item_a, table.item_b, table.choice, strict=True)
-    names = [(table.items[a], table.items[b], choice) for a, b, choice in rows]
-    return [(b, a) if choice == 1 else tuple(sorted((a, b))) + ("",) * (choice == 2) if choice else (a, b)
-            for a, b, choice in names], said  # fmt: skip
+    items = [((table.items[a], table.items[b]), choice) for a, b, choice in rows]
+    return [(pair, pair[::-1], (*sorted(pair), ""))[choice] for pair, choice in items], said
 
 
 def warnings(said: list[str]) -> str:
@@ -75,3 +74,95 @@ def test_a_matrix_that_may_not_be_of_wins_of_the_row_is_asked_about_or_warned_of
     assert "only one side of the diagonal is filled" in warnings(said)
     _, said = votes(write(tmp_path, "winner \\ loser,x,y,z\nx,,5,4\ny,2,,3\nz,2,1,\n"))
     assert not warnings(said)
+
+
+NUMBERED = {
+    "halves for ties": (f"{VOTED}\nA,x,y,1\nB,x,y,0.5\nC,x,y,0\n", "--choices a=1,none=0.5,b=0", 3),
+    "halves with commas": (
+        'participant;item_a;item_b;choice\nA;x;y;1,0\nB;x;y;0,5\nC;x;y;0,0\n',
+        "--choices a=1,none=0.5,b=0",
+        3,
+    ),
+    "codes as decimals": (f"{VOTED}\nA,x,y,1.0\nB,x,y,0.0\n", "--choices a=1,b=0", 2),
+    "strengths": (f"{VOTED}\nA,x,y,-3\nB,x,y,2\n", "how much better item_a is than item_b: --columns item_a=item_b", 2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", NUMBERED)
+def test_numbers_that_may_mean_either_item_are_asked_with_an_option_for_each(tmp_path: Path, kind: str) -> None:
+    text, option, n = NUMBERED[kind]
+    path = write(tmp_path, text)
+    with pytest.raises(QuestionError) as asked:
+        recognise_file(path)
+    assert option in str(asked.value)
+    read = set()
+    for reading in asked.value.readings:
+        source = recognise_file(path, reading.told)
+        _, said = understand_votes([source]) if source.holds_votes else understand_ratings(source)
+        assert f"{n} rows, {n} votes" in said[0] or f"{n} ratings" in said[0]
+        read.add(said[0].rpartition("fingerprint")[2])
+    assert len(read) == len(asked.value.readings) > 1
+
+
+CONFIRMED = {
+    "1 and 2 without names of pairs": ("participant,Q1,Q2\nA,1,2\nB,2,2\n", "rename each column by its pair"),
+    "who stood left": (f"{VOTED},left_item\nA,x,y,left,x\nB,x,y,left,y\n", "give the items as they stood"),
+}
+
+
+@pytest.mark.parametrize("kind", CONFIRMED)
+def test_what_a_single_option_confirms_is_refused_with_both_ways_out(tmp_path: Path, kind: str) -> None:
+    text, way = CONFIRMED[kind]
+    with pytest.raises(QuestionError, match=way) as asked:
+        recognise_file(write(tmp_path, text))
+    assert "which is meant" not in str(asked.value)
+    assert f"{asked.value.readings[0].told} takes it as: " in str(asked.value)
+
+
+def test_two_items_without_a_known_choice_are_no_ratings_by_what_else_is_there(tmp_path: Path) -> None:
+    path = write(tmp_path, "participant,item_a,item_b,chose_left,left_is_a\nA,x,y,1,0\nA,x,z,0,1\n")
+    with pytest.raises(VotesError, match="lacks the column choice; found"):
+        recognise_file(path)
+
+
+@pytest.mark.parametrize("name", ["swapped", "left_is_a", "mirrored", "item_a_position"])
+def test_a_column_that_may_turn_choices_is_never_advised_to_leave_rows_out(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path, f"participant,item_a,item_b,response,{name}\nA,x,y,1,0\nB,x,y,0,1\n")
+    with pytest.raises(QuestionError):
+        recognise_file(path)
+    _, said = votes(path, choices={"a": "1", "b": "0"})
+    assert f"'{name}' is not used, and may say that items stood the other way round in some rows" in warnings(said)
+    assert "practice" not in warnings(said)
+
+
+def test_the_reading_that_a_question_promises_is_what_its_option_gives(tmp_path: Path) -> None:
+    path = write(tmp_path, "subject,stimulus,response,left,right\nA,<img>,1,x,y\nB,<b>,2,x,y\n")
+    with pytest.raises(QuestionError) as asked:
+        recognise_file(path)
+    promised = {reading.text.partition(" ")[0]: reading.told for reading in asked.value.readings}
+    assert recognise_file(path, promised["ratings"]).description.holds == "ratings"
+
+
+ABROAD = {
+    "German": "Versuchsperson;Links;Rechts;Antwort;Zeit\nA;x;y;links;1,2\nA;z;x;rechts;0,9\nB;x;y;gleich;2\n",
+    "French": "sujet,image_gauche,image_droite,choix\nA,x,y,gauche\nA,z,x,droite\nB,x,y,égal\n",
+    "Chinese": "被试,左,右,选择\nA,x,y,左\nA,z,x,右\nB,x,y,相同\n",
+    "file names": "worker_id,left_url,right_url,chosen\n"
+    "A,s/x.png,s/y.png,x.png\nA,s/z.png,s/x.png,x\nB,s/x.png,s/y.png,same\n",
+    "oTree": "participant.code,session.code,player.left_stim,player.right_stim,player.choice,subsession.round_number\n"
+    "A,s,x,y,left,1\nA,s,z,x,right,2\nB,s,x,y,same,1\n",
+    "Mechanical Turk": "HITId,WorkerId,AssignmentStatus,Input.image_a,Input.image_b,Answer.choice\n"
+    "h,A,Submitted,x,y,A\nh,A,Submitted,z,x,B\nh,B,Submitted,x,y,same\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ABROAD)
+def test_votes_in_the_words_of_other_languages_and_programs_are_read(tmp_path: Path, kind: str) -> None:
+    read, _ = votes(write(tmp_path, ABROAD[kind]))
+    names = [tuple(name.removeprefix("s/").removesuffix(".png") for name in row) for row in read]
+    assert names == [("x", "y"), ("x", "z"), ("x", "y", "")]
+
+
+def test_file_names_that_only_their_folders_tell_apart_are_compared_whole(tmp_path: Path) -> None:
+    with pytest.raises(VotesError, match=r"row 2: choice is 'x.png', expected the name of one of the two"):
+        votes(write(tmp_path, f"{VOTED}\nA,p/x.png,q/x.png,q/x.png\nA,p/x.png,q/x.png,x.png\n"))
