@@ -174,7 +174,8 @@ def _check_filled(rows: LongTable, roles: Sequence[str], problems: Problems) -> 
         raise VotesError(f"lacks {columns} {', '.join(missing)}; found {', '.join(rows.columns)}")
     dataset = rows.columns.get("dataset")
     for role in (*roles, *(["dataset"] if dataset is not None and dataset.filled else [])):
-        problems.add(rows.columns[role].meaning(lambda word: not word, bool), f"{role} is empty")
+        way = "; leave out rows without a rating" if role == "rating" else ""
+        problems.add(rows.columns[role].meaning(lambda word: not word, bool), f"{role} is empty{way}")
 
 
 def _scaled(
@@ -193,9 +194,11 @@ def _scaled(
 
     is_filled = column.meaning(bool, bool)
     problems.add(np.isnan(rating) & is_filled, lambda row: f"{cell(row)} {shown(word(row))}, expected a number")
-    hint = "another scale: --scale LOW:HIGH" + (
-        "; leave columns out that hold no ratings" if rows.origin is not None else ""
-    )
+    hint = "another scale: --scale LOW:HIGH; a code for no answer is to be an empty cell"
+    if description.holds == COMPARISONS:
+        hint = "another scale: --scale -HIGH:HIGH; 0 is to be its middle"
+    elif rows.origin is not None:
+        hint += "; leave columns out that hold no ratings"
     problems.add(
         (rating < low) | (rating > high), lambda row: f"{cell(row)} {word(row)}, expected {low:g} to {high:g} ({hint})"
     )

@@ -17,7 +17,7 @@ from app.analysis.reading.cells import Column, Table, is_numeric, named, shown, 
 from app.analysis.reading.description import JOIN, VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.rankings import find_best_worst, find_ranked_columns, find_ranking, find_wide_ranks
 from app.analysis.reading.kinds.ratings import find_comparisons, find_ratings, find_wide_ratings, quietly
-from app.analysis.reading.kinds.seen import WIDE_ROLES, Finder, Seen
+from app.analysis.reading.kinds.seen import FEWEST_RATED, WIDE_ROLES, Finder, Seen, columns_of_numbers
 from app.analysis.reading.kinds.votes import (
     ask_about_counts,
     find_matrix,
@@ -149,8 +149,16 @@ LAYOUTS: dict[str, tuple[Finder, ...]] = {
 
 def _lacking(seen: Seen) -> str:
     """Say what a table lacks, for what it comes nearest to."""
+    if len(seen.table.names) == 1 or sum(name.startswith("Unnamed: ") for name in seen.table.names[1:]) > 1:
+        shape = "has a single column" if len(seen.table.names) == 1 else "has columns without names"
+        names = named(seen.table.names) or "none"
+        return f"{shape}; the first line is to name them, commas, semicolons, tabs or bars between; found {names}"
     is_rated = (quietly(seen, "condition") or seen.candidates("rating")) and not seen.pairs
-    wanted = ("participant", "condition", "rating") if is_rated else ("item_a", "item_b", "choice")
+    is_wide = len(columns_of_numbers(seen, ())) >= FEWEST_RATED and not (
+        is_rated or seen.pairs or seen.candidates("choice")
+    )
+    rated = ("participant", "condition", "rating") if is_rated else ("participant",)
+    wanted = rated if is_rated or is_wide else ("item_a", "item_b", "choice")
     there = {role for role in wanted if seen.candidates(role) or (seen.pairs and role in ("item_a", "item_b"))}
     missing = [role for role in wanted if role not in there] or ["choice"]
     return (

@@ -29,7 +29,7 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
     "participant": words_of(
         "participantid participantname judge judgeid observer observerid subject subjectid subj user userid "
         "username worker workerid rater raterid annotator annotatorid respondent respondentid responseid "
-        "voter voterid viewer pid prolificpid prolificid sessionuuid assessor evaluator proband probandid "
+        "voter voterid viewer emailaddress pid prolificpid prolificid sessionuuid assessor evaluator proband probandid "
         "versuchsperson vp vpn vpnr vpnummer teilnehmer teilnehmerid teilnehmernr beobachter sujet observateur "
         "participante sujeto observador juge 被试 被试编号 参与者 被験者"
     ),
@@ -181,6 +181,7 @@ SCALES = (  # ITU-T P.910, absolute categories, and the same in other languages
     "excelente,bueno,regular,pobre,malo",
 )
 GRADES = {word: float(5 - place) for words in SCALES for place, word in enumerate(words.split(","))}
+LABELLED = re.compile(r"(\d+)(?:\s*[-–—:.=()]\s*|\s+)[^\W\d]\D*")  # "5 - Excellent", "4 (good)", "3 stars"
 MOST_WORDS = 12  # different texts of a column whose cells are looked at; more are names or numbers
 COMMENTS = re.compile(
     r"[\s_:,;()\[\]-]+(comments?|why|reasons?|remarks?|notes?|explanation|explain|conf|confidence|certainty|certain|"
@@ -205,6 +206,28 @@ TAIL = re.compile(r"(?:\s+[-–—|]\s+|\s*[:;(\[]\s*)\S.*$")  # " - Which is be
 def plain(name: str) -> str:
     """Return a column's name as it is compared: capitals, spaces, points, hyphens and underscores do not matter."""
     return re.sub(r"[\s._-]", "", name).lower()
+
+
+def grades_in(words: Iterable[str]) -> dict[str, float]:
+    """Return the grade of each word of a scale, in lower case; empty if one has none, or if there are none but numbers.
+
+    "Excellent" is 5, "2 - poor" is 2; a number beside them is itself, and a single word is rather a mistake.
+    """
+    lower = dict.fromkeys(word.lower() for word in words)
+    if len(lower) > 1 and lower.keys() <= GRADES.keys():
+        return {word: GRADES[word] for word in lower}
+    numbers = {word: match[1] if (match := LABELLED.fullmatch(word)) else word for word in lower}
+    is_scale = len(set(numbers.values())) == len(lower) > 1 and set(numbers.values()) != lower.keys()
+    return (
+        {word: float(n) for word, n in numbers.items()}
+        if is_scale and all(map(str.isdecimal, numbers.values()))
+        else {}
+    )
+
+
+def has_grade(word: str) -> bool:
+    """May a word be one of a scale, as `grades_in` reads it?"""
+    return word.lower() in GRADES or word.isdecimal() or bool(LABELLED.fullmatch(word))
 
 
 def means(role: str, name: str) -> bool:

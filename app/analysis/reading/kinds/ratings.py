@@ -29,7 +29,7 @@ from app.analysis.reading.kinds.seen import (
 )
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import GRADES, NEVER, RATING_OPTIONAL, is_never, is_suspicious, means, pair_in, plain
+from app.analysis.reading.words import NEVER, RATING_OPTIONAL, grades_in, is_never, is_suspicious, means, pair_in, plain
 
 ROUNDED = 0.006  # a mean of two decimals is nearer to the true one
 FEWEST_AVERAGED = 3
@@ -93,11 +93,8 @@ def find_ratings(seen: Seen) -> Description | None:
         )
     optional = seen.optional(RATING_OPTIONAL, names_in(columns))
     optional.pop("first_shown", None)
-    worded = {word.lower() for word in seen.column(rating[0]).filled}
-    is_worded = len(worded) > 1 and worded <= set(GRADES)  # a single word is rather a mistake
-    note = "words are grades: excellent is 5, bad is 1" if is_worded else ""
-    described = Description(RATINGS, columns | optional, words=GRADES if note else {}, notes=(note,) if note else ())
-    return with_people_alone(seen, described)
+    grades = grades_in(seen.column(rating[0]).filled)
+    return with_people_alone(seen, Description(RATINGS, columns | optional, words=grades, notes=_noted(grades)))
 
 
 def find_wide_ratings(seen: Seen) -> Description | None:
@@ -115,15 +112,23 @@ def find_wide_ratings(seen: Seen) -> Description | None:
     stands = "condition" if role == "participant" else "participant"
     dataset = {"dataset": names} if (names := seen.one("dataset")) else {}
     note = f"a row for each {role}, a column for each of {len(rated)} {stands}s"
+    grades = grades_in(word for name in rated for word in seen.column(name).filled)
     return Description(
         RATINGS,
         who | dataset | seen.optional(("practice", "excluded"), names_in(who | dataset) | {*rated}),
         "wide",
         {name: (name,) for name in rated},
         stands,
+        grades,
         without=_summaries(seen, who[role], rated),
-        notes=(note,),
+        notes=(note, *_noted(grades)),
     )
+
+
+def _noted(grades: Mapping[str, float]) -> tuple[str, ...]:
+    """Say which grades words are."""
+    said = ", ".join(f"{word} is {grade:g}" for word, grade in sorted(grades.items(), key=lambda known: -known[1]))
+    return (f"words are grades: {said}",) if grades else ()
 
 
 def quietly(seen: Seen, role: str) -> tuple[str, ...]:

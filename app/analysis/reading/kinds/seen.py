@@ -23,6 +23,7 @@ from app.analysis.reading.words import (
     SUMMARIES,
     WEAK_RATINGS,
     ends_of,
+    has_grade,
     is_never,
     means,
     plain,
@@ -252,9 +253,12 @@ def rated_columns(seen: Seen, told: Sequence[str], who: Columns) -> list[str]:
 def columns_of_numbers(seen: Seen, taken: Iterable[str]) -> list[str]:
     """Return the columns of numbers that may be ratings by or of something."""
     others = {*taken, *seen.one("dataset")}
-    return [
-        name for name in seen.free if name not in others and not is_never(name) and _mostly_numbers(seen.column(name))
-    ]
+    may_be = [name for name in seen.free if name not in others and not is_never(name)]
+    numbers = [name for name in may_be if _mostly_numbers(seen.column(name))]
+    if len(numbers) >= FEWEST_RATED:
+        return numbers
+    graded = [name for name in may_be if (words := seen.column(name).filled) and all(map(has_grade, words))]
+    return graded if len(graded) >= FEWEST_RATED else numbers
 
 
 def _mostly_numbers(column: Column) -> bool:

@@ -166,3 +166,35 @@ def test_votes_in_the_words_of_other_languages_and_programs_are_read(tmp_path: P
 def test_file_names_that_only_their_folders_tell_apart_are_compared_whole(tmp_path: Path) -> None:
     with pytest.raises(VotesError, match=r"row 2: choice is 'x.png', expected the name of one of the two"):
         votes(write(tmp_path, f"{VOTED}\nA,p/x.png,q/x.png,q/x.png\nA,p/x.png,q/x.png,x.png\n"))
+
+
+GRADED = {
+    "labelled numbers": f"{RATED}\nA,x,5 - Excellent\nA,y,2\nB,x,1 (bad)\n",
+    "German words": f"{RATED}\nA,x,ausgezeichnet\nA,y,dürftig\nB,x,schlecht\n",
+    "words in columns": "participant,x,y,age\nA,Excellent,Poor,33\nB,Bad,,44\n",
+    "labels in columns": "Teilnehmer;x;y;Kommentar\nA;5 = sehr gut;2;so\nB;1 = schlecht;;\n",
+}
+
+
+@pytest.mark.parametrize("kind", GRADED)
+def test_words_of_scales_are_grades_and_which_is_said(tmp_path: Path, kind: str) -> None:
+    read, said = ratings(write(tmp_path, GRADED[kind]))
+    assert sorted(read) == [("A", "x", 5), ("A", "y", 2), ("B", "x", 1)]
+    assert " is 5" in said[0].partition("words are grades: ")[2]
+
+
+REFUSED = {
+    "a title above": ("Experiment 3\n\nparticipant,condition,rating\nA,x,3\n", "the first line is to name the columns"),
+    "blanks between": ("participant condition rating\nA x 3\n", "has a single column; the first line is to name them"),
+    "a code for nothing": (f"{RATED}\nA,x,3\nB,x,-99\n", "a code for no answer is to be an empty cell"),
+    "no answer": (f"{RATED}\nA,x,3\nB,x,NA\n", "leave out rows without a rating"),
+    "seven points": ("participant,item_a,item_b,rating\nA,x,y,7\nB,x,y,4\n", "0 is to be its middle"),
+    "one column missing": ("name of yours,x,y\nA,3,4\nB,2,5\n", "lacks the column participant"),
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_a_refusal_says_what_to_do(tmp_path: Path, kind: str) -> None:
+    text, way = REFUSED[kind]
+    with pytest.raises(VotesError, match=way):
+        ratings(write(tmp_path, text)) if "item_a" not in text else understand_ratings(write(tmp_path, text))
