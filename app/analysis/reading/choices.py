@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.reading.cells import Column, number_or_nan, numbered_names, shown
+from app.analysis.reading.cells import Column, is_numeric, number_or_nan, numbered_names, shown, values_of
 from app.analysis.reading.description import BY_ITEM, QuestionError, Reading, Told
 from app.analysis.reading.votes_table import CHOICE_CODES, CHOICES, NONE, A, B, VotesError
 from app.analysis.reading.words import ENDS, SIDES, STRENGTH, STRENGTHS, TIES, TRUE_FALSE, ends_of, words_of
 
 Codes = NDArray[np.int8]
 UNKNOWN = -1
+HIGHEST_GRADE = 3  # of ITU-T P.910's comparison categories
 # Words around a side that say nothing: "the left image is better".
 FILLERS = frozenset(
     words_of(
@@ -248,13 +249,12 @@ def _ask_about_numbers(asked: Asked, given: Mapping[str, str]) -> None:
     if len(words) < 2 or given:  # one number alone is a mistake rather than a code
         return
     ours = {"a": f"{asked.names[0]} preferred", "b": f"{asked.names[1]} preferred", "none": "no preference"}
-    for known, ways in NUMBER_CODES.items():
-        if words <= known:
-            said = [", ".join(f"{theirs} is {ours[our]}" for our, theirs in way.items()) for way in ways]
-            readings = [Reading(text, Told(choices=way)) for text, way in zip(said, ways, strict=True)]
-            if not words <= TRUE_FALSE.keys():
-                readings.append(Reading(f"grades, how much better {asked.names[1]} is", Told(format="ccr")))
-            raise QuestionError(f"the choices {_some_of(asked.choice)} can be read in {len(readings)} ways", readings)
+    if ways := number_codes(asked.choice):
+        said = [", ".join(f"{theirs} is {ours[our]}" for our, theirs in way.items()) for way in ways]
+        readings = [Reading(text, Told(choices=way)) for text, way in zip(said, ways, strict=True)]
+        if not words <= TRUE_FALSE.keys() and all(abs(value) <= HIGHEST_GRADE for value in values_of(asked.choice)):
+            readings.append(Reading(f"grades, how much better {asked.names[1]} is", Told(format="ccr")))
+        raise QuestionError(f"the choices {_some_of(asked.choice)} can be read in {len(readings)} ways", readings)
 
 
 def _as_code(word: str) -> str:
@@ -262,10 +262,14 @@ def _as_code(word: str) -> str:
     return word.lower() if math.isnan(number := number_or_nan(word)) else f"{number:g}"
 
 
-def may_be_codes(choice: Column) -> bool:
-    """Are the cells numbers of which `NUMBER_CODES` knows what they may mean?"""
+def number_codes(choice: Column) -> tuple[dict[str, str], ...]:
+    """Return what numbers may mean, our word -> theirs, each way; none where they are rather grades."""
     words = {_as_code(word) for word in choice.filled}
-    return any(words <= known for known in NUMBER_CODES)
+    ways = next((ways for known, ways in NUMBER_CODES.items() if words <= known), ())
+    if ways or len(words) != len(SIDES[0]) or not is_numeric(choice):
+        return ways
+    low, high = sorted(words, key=number_or_nan)
+    return {"a": low, "b": high}, {"a": high, "b": low}
 
 
 def _strengths(asked: Asked, ties: Mapping[str, int]) -> list[Meaning]:

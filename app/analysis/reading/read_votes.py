@@ -19,6 +19,7 @@ from app.analysis.reading.choices import UNKNOWN, Asked, Meaning, codes_of
 from app.analysis.reading.description import VOTES, Description, Told
 from app.analysis.reading.layouts import LongTable, flags, rows_of, stacked
 from app.analysis.reading.phrases import counted
+from app.analysis.reading.programs import NOT_THERE
 from app.analysis.reading.recognise import recognise
 from app.analysis.reading.sources import Source, fingerprint, in_lists, in_several, look_alikes, recognise_file
 from app.analysis.reading.votes_table import (
@@ -235,7 +236,9 @@ def _choice(rows: LongTable, description: Description, problems: Problems) -> ND
     codes = codes_of(Meaning(words, description.by_item), asked)
     expected = description.expected or ", ".join(CHOICES)
     problems.add(column.is_missing, "choice is missing")
-    problems.add((codes == UNKNOWN) & ~column.is_missing, lambda r: rows.wrong("choice", r, expected))
+    ways = dict.fromkeys(("", *NOT_THERE), "; leave out rows without an answer")
+    is_unknown = (codes == UNKNOWN) & ~column.is_missing
+    problems.add(is_unknown, lambda r: rows.wrong("choice", r, expected) + ways.get(column.text(r), ""))
     return np.where(flags(rows, "ties", problems), NONE, codes).astype(np.int8)
 
 

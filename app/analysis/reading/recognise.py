@@ -11,10 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from app.analysis.reading.cells import Column, Table, is_numeric, named, shown, values_of
-from app.analysis.reading.description import JOIN, VOTES, Description, QuestionError, Reading, Told
+from app.analysis.reading.description import JOIN, RATINGS, VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.rankings import find_best_worst, find_ranked_columns, find_ranking, find_wide_ranks
 from app.analysis.reading.kinds.ratings import find_comparisons, find_ratings, find_wide_ratings, quietly
 from app.analysis.reading.kinds.seen import FEWEST_RATED, WIDE_ROLES, Finder, Seen, columns_of_numbers
@@ -28,6 +29,7 @@ from app.analysis.reading.kinds.votes import (
     with_meaning,
 )
 from app.analysis.reading.layouts import joined_column
+from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import (
     COUNTS,
@@ -187,6 +189,8 @@ def _with_lists(seen: Seen, description: Description) -> Description:
                 f"the column {name!r} is not used, and may say that items stood the other way round in some rows; "
                 "if so, exchange item_a and item_b there"
             )
+        elif REVERSED.search(name) and description.holds == RATINGS:
+            warnings.append(f"the column {name!r} is not used, and may say that a scale is turned: {MORE_IS_BETTER}")
         elif is_suspicious(name, words) and (column.filled or not len(seen.table)):
             holds = named([repr(word) for word in column.filled[:4]]) or "nothing"
             warnings.append(
@@ -195,6 +199,11 @@ def _with_lists(seen: Seen, description: Description) -> Description:
             )
     warnings += _repeats(seen, description, [name for name in rest if not any(repr(name) in text for text in warnings)])
     warnings += _odd_cells(seen, description)
+    warnings += [
+        f"{name!r} may be a scale that is turned: {MORE_IS_BETTER}"
+        for name in description.columns.get("rating", ())
+        if description.holds == RATINGS and REVERSED.search(name)
+    ]
     if description.without:
         names = [seen.column(next(iter(description.columns.values()))[0]).texts[row] for row in description.without]
         rows = ", ".join(str(seen.table.row(row)) for row in description.without)
@@ -228,6 +237,12 @@ def _way_to_use(name: str, column: Column, description: Description) -> str:
 
 
 REPEATABLE = ("rows", "won", "ranking", "ranked", "ranks", "best-worst")  # layouts whose rows may be one person's
+REVERSED = re.compile(
+    r"revers|invert|\b1\s*(=|:|is|means)\s*(the )?(best|excellent|very good|sehr gut)|schulnote", re.IGNORECASE
+)
+MORE_IS_BETTER = "more counts as better; turn the numbers round where it is not"
+TRIAL_NUMBER = re.compile(r"trial(s|no|nr|num|number|index|id|n)?$|timestamp$|thisn$")  # of plain names
+RUN = re.compile(r"session|phase|block|part$|run$|loop|repe", re.IGNORECASE)  # in which numbers may begin again
 MOST_KINDS = 20  # different texts of a column that may tell repeated rows apart; more are numbers of trials
 
 
@@ -255,14 +270,27 @@ def _repeats(seen: Seen, description: Description, rest: Sequence[str]) -> list[
             for name in rest
             if plain(name).endswith("id") and 1 < len(seen.column(name).filled) < len(seen.table)
         ]
-    if description.layout not in REPEATABLE or "participant" not in columns or not few:
+    trials = [name for name in seen.table.names if TRIAL_NUMBER.search(plain(name)) and seen.column(name).filled]
+    if description.layout not in REPEATABLE or "participant" not in columns or not (few or trials):
         return warnings
     key = np.zeros(len(seen.table), np.int64)
     for role in ("participant", *what):
         key = _with_code(key, joined_column(seen.table, columns[role]))
-    different = len(np.unique(key))
-    for name in few if different < len(key) else ():
-        if len(np.unique(_with_code(key, seen.column(name)))) == len(key):
+    is_repeated = bool(len(key)) and int(key.max()) + 1 < len(key)
+    for name in trials if is_repeated and description.layout in ("rows", "won") else ():
+        runs = [other for other in seen.table.names if RUN.search(other) and other != name]
+        same = key
+        for column in (name, *runs):
+            same = _with_code(same, seen.column(column))
+        n_again = len(same) - int(same.max()) - 1
+        if 0 < 2 * n_again < len(same):
+            warnings.append(
+                f"{counted(n_again, 'row')} of the same participant and items as another also "
+                f"{'has' if n_again == 1 else 'have'} the same {name!r}: joined twice, or begun again? They count"
+            )
+            break
+    for name in few if is_repeated else ():
+        if int(_with_code(key, seen.column(name)).max()) + 1 == len(key):
             apart = Told(columns={"dataset": JOIN.join((*columns.get("dataset", ()), name))})
             others = Told(columns={"participant": JOIN.join((*columns["participant"], name))})
             warnings.append(
@@ -274,7 +302,7 @@ def _repeats(seen: Seen, description: Description, rest: Sequence[str]) -> list[
 
 def _with_code(key: NDArray[np.int64], column: Column) -> NDArray[np.int64]:
     """Return numbers (N,) that tell apart what both the key and the column tell apart."""
-    return np.asarray(np.unique(key * len(column.words) + column.codes, return_inverse=True)[1], np.int64)
+    return np.asarray(pd.factorize(key * len(column.words) + column.codes)[0], np.int64)
 
 
 def _odd_cells(seen: Seen, description: Description) -> list[str]:

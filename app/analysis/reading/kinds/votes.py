@@ -16,7 +16,7 @@ from app.analysis.reading.choices import (
     binary_meaning,
     codes_of,
     grade_of,
-    may_be_codes,
+    number_codes,
     understand_choices,
 )
 from app.analysis.reading.description import JOIN, VOTES, Description, QuestionError, Reading, Told
@@ -166,7 +166,7 @@ def with_meaning(seen: Seen, description: Description) -> Description:
     is_graded = is_numeric(choice) and any(value != int(value) or not -1 <= value <= 3 for value in values_of(choice))
     are_items = set(choice.filled) <= {*item_a.filled, *item_b.filled}
     name_a, name_b = (JOIN.join(description.columns.get(role, (role,))) for role in ("item_a", "item_b"))
-    if is_graded and not are_items and not may_be_codes(choice) and not {"a", "b", "by"} & set(seen.told.choices):
+    if is_graded and not are_items and not number_codes(choice) and not {"a", "b", "by"} & set(seen.told.choices):
         raise _ask_whose_grades(description, choice, name_a, name_b)
     asked = Asked(
         choice,

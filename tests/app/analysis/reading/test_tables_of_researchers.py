@@ -83,8 +83,9 @@ NUMBERED = {
         "--choices a=1,none=0.5,b=0",
         3,
     ),
+    "codes of keys": (f"{VOTED}\nA,x,y,37\nB,x,y,39\n", "--choices a=37,b=39", 2),
     "codes as decimals": (f"{VOTED}\nA,x,y,1.0\nB,x,y,0.0\n", "--choices a=1,b=0", 2),
-    "strengths": (f"{VOTED}\nA,x,y,-3\nB,x,y,2\n", "how much better item_a is than item_b: --columns item_a=item_b", 2),
+    "strengths": (f"{VOTED}\nA,x,y,-3\nB,x,y,2\nC,x,y,3\n", "item_a is than item_b: --columns item_a=item_b", 3),
 }  # fmt: skip
 
 
@@ -198,3 +199,31 @@ def test_a_refusal_says_what_to_do(tmp_path: Path, kind: str) -> None:
     text, way = REFUSED[kind]
     with pytest.raises(VotesError, match=way):
         ratings(write(tmp_path, text)) if "item_a" not in text else understand_ratings(write(tmp_path, text))
+
+
+def test_rows_that_were_joined_twice_or_begun_again_are_warned_of_and_repeats_are_not(tmp_path: Path) -> None:
+    header = "participant,trial,item_a,item_b,choice"
+    path = write(tmp_path, f"{header}\nA,1,x,y,a\nA,2,x,z,b\nB,1,x,y,a\nB,2,x,z,a\nA,1,x,y,b\n")
+    _, said = votes(path)
+    assert "1 row of the same participant and items as another also has the same 'trial'" in warnings(said)
+    _, said = votes(write(tmp_path, f"{header}\nA,1,x,y,a\nA,2,x,z,b\nA,3,x,y,b\nA,4,x,z,a\n"))
+    assert not warnings(said)
+    _, said = votes(write(tmp_path, f"block,{header}\n1,A,1,x,y,a\n1,A,2,x,z,b\n2,A,1,x,y,b\n3,A,1,x,y,b\n"))
+    assert "joined twice" not in warnings(said)
+
+
+def test_a_scale_that_may_be_turned_is_warned_of(tmp_path: Path) -> None:
+    _, said = ratings(write(tmp_path, f"{RATED},reversed\nA,x,1,1\nB,x,2,1\n"))
+    assert "'reversed' is not used, and may say that a scale is turned: more counts as better" in warnings(said)
+    name = "rating (1 = best)"
+    path = write(tmp_path, f"participant,condition,{name}\nA,x,1\nB,x,2\n")
+    _, said = ratings(path, columns={"rating": name})
+    assert "'rating (1 = best)' may be a scale that is turned: more counts as better" in warnings(said)
+
+
+def test_a_vote_that_was_not_given_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    for nothing in ("NA", ""):
+        with pytest.raises(
+            VotesError, match=r"row 2: choice is '.*', expected a, b, none; leave out rows without an answer"
+        ):
+            votes(write(tmp_path, f"{VOTED}\nA,x,y,a\nA,x,y,{nothing}\n"))
