@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from app.analysis.reading.cells import Column, Table, is_numeric, named, shown, values_of
 from app.analysis.reading.description import JOIN, RATINGS, VOTES, Description, QuestionError, Reading, Told
@@ -242,6 +241,7 @@ REVERSED = re.compile(
 )
 MORE_IS_BETTER = "more counts as better; turn the numbers round where it is not"
 TRIAL_NUMBER = re.compile(r"trial(s|no|nr|num|number|index|id|n)?$|timestamp$|thisn$")  # of plain names
+LARGEST_KEY = 2**62  # that an int64 holds
 RUN = re.compile(r"session|phase|block|part$|run$|loop|repe", re.IGNORECASE)  # in which numbers may begin again
 MOST_KINDS = 20  # different texts of a column that may tell repeated rows apart; more are numbers of trials
 
@@ -270,39 +270,45 @@ def _repeats(seen: Seen, description: Description, rest: Sequence[str]) -> list[
             for name in rest
             if plain(name).endswith("id") and 1 < len(seen.column(name).filled) < len(seen.table)
         ]
-    trials = [name for name in seen.table.names if TRIAL_NUMBER.search(plain(name)) and seen.column(name).filled]
-    if description.layout not in REPEATABLE or "participant" not in columns or not (few or trials):
+    if description.layout not in REPEATABLE or "participant" not in columns or not len(seen.table):
         return warnings
-    key = np.zeros(len(seen.table), np.int64)
-    for role in ("participant", *what):
-        key = _with_code(key, joined_column(seen.table, columns[role]))
-    is_repeated = bool(len(key)) and int(key.max()) + 1 < len(key)
-    for name in trials if is_repeated and description.layout in ("rows", "won") else ():
-        runs = [other for other in seen.table.names if RUN.search(other) and other != name]
-        same = key
-        for column in (name, *runs):
-            same = _with_code(same, seen.column(column))
-        n_again = len(same) - int(same.max()) - 1
-        if 0 < 2 * n_again < len(same):
-            warnings.append(
-                f"{counted(n_again, 'row')} of the same participant and items as another also "
-                f"{'has' if n_again == 1 else 'have'} the same {name!r}: joined twice, or begun again? They count"
-            )
-            break
-    for name in few if is_repeated else ():
-        if int(_with_code(key, seen.column(name)).max()) + 1 == len(key):
+    who = [joined_column(seen.table, columns[role]) for role in ("participant", *what)]
+    trials = [name for name in seen.table.names if TRIAL_NUMBER.search(plain(name)) and seen.column(name).filled]
+    if not (few or trials) or _different(who) == len(seen.table):
+        return warnings
+    for name in few:
+        if _different([*who, seen.column(name)]) == len(seen.table):
             apart = Told(columns={"dataset": JOIN.join((*columns.get("dataset", ()), name))})
             others = Told(columns={"participant": JOIN.join((*columns["participant"], name))})
             warnings.append(
                 f"rows of the same participant and items differ in the column {name!r}, which is not used: they count "
                 f"as repeats; {apart} keeps them apart, {others} takes them for other people's"
             )
-    return warnings
+    return [*warnings, *_begun_again(seen, who, trials if description.layout in ("rows", "won") else ())]
 
 
-def _with_code(key: NDArray[np.int64], column: Column) -> NDArray[np.int64]:
-    """Return numbers (N,) that tell apart what both the key and the column tell apart."""
-    return np.asarray(pd.factorize(key * len(column.words) + column.codes)[0], np.int64)
+def _begun_again(seen: Seen, who: Sequence[Column], trials: Sequence[str]) -> list[str]:
+    """Warn where few rows of the same person, dataset and items also have the same number of a trial."""
+    runs = [name for name in seen.table.names if RUN.search(name) and name not in trials]
+    for name in trials:
+        again = len(seen.table) - _different([*who, *map(seen.column, (name, *runs))])
+        if 0 < 2 * again < len(seen.table):
+            has = "has" if again == 1 else "have"
+            about = f"{counted(again, 'row')} of the same participant and items as another also {has} the same {name!r}"
+            return [f"{about}: joined twice, or begun again? They count"]
+    return []
+
+
+def _different(columns: Sequence[Column]) -> int:
+    """Return how many rows some columns tell apart."""
+    key, size = np.zeros(len(columns[0]), np.int64), 1
+    for column in columns:
+        if size * len(column.words) > LARGEST_KEY:
+            key, kept = pd.factorize(key)
+            size = len(kept)
+        key = key * len(column.words) + column.codes
+        size *= len(column.words)
+    return len(pd.unique(key))
 
 
 def _odd_cells(seen: Seen, description: Description) -> list[str]:
