@@ -241,6 +241,7 @@ REVERSED = re.compile(
 )
 MORE_IS_BETTER = "more counts as better; turn the numbers round where it is not"
 TRIAL_NUMBER = re.compile(r"trial(s|no|nr|num|number|index|id|n)?$|timestamp$|thisn$")  # of plain names
+FEWEST_SORTED = 2**26  # keys of which not each has a byte
 LARGEST_KEY = 2**62  # that an int64 holds
 RUN = re.compile(r"session|phase|block|part$|run$|loop|repe", re.IGNORECASE)  # in which numbers may begin again
 MOST_KINDS = 20  # different texts of a column that may tell repeated rows apart; more are numbers of trials
@@ -308,7 +309,11 @@ def _different(columns: Sequence[Column]) -> int:
             size = len(kept)
         key = key * len(column.words) + column.codes
         size *= len(column.words)
-    return len(pd.unique(key))
+    if size > FEWEST_SORTED:
+        return len(pd.unique(key))
+    is_there = np.zeros(size, bool)
+    is_there[key] = True
+    return int(np.count_nonzero(is_there))
 
 
 def _odd_cells(seen: Seen, description: Description) -> list[str]:
