@@ -227,3 +227,11 @@ def test_a_vote_that_was_not_given_is_refused_with_the_way_out(tmp_path: Path) -
             VotesError, match=r"row 2: choice is '.*', expected a, b, none; leave out rows without an answer"
         ):
             votes(write(tmp_path, f"{VOTED}\nA,x,y,a\nA,x,y,{nothing}\n"))
+
+
+def test_people_who_may_have_used_another_scale_are_named(tmp_path: Path) -> None:
+    rows = "".join(f"A,{name},{20 * n}\nB,{name},{n}\n" for n, name in enumerate("xyz", start=1))
+    _, said = ratings(write(tmp_path, f"{RATED}\n{rows}"), (0, 100))
+    assert "B never rated above 10 of 100: on another scale than the others?" in warnings(said)
+    _, said = ratings(write(tmp_path, f"{RATED}\n{rows.replace(',3', ',30')}"), (0, 100))
+    assert not warnings(said)
