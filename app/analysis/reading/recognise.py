@@ -10,10 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-import pandas as pd
-
-from app.analysis.reading.cells import Column, Table, is_numeric, named, shown, values_of
+from app.analysis.reading.cells import Column, Table, is_numeric, n_different, named, shown, values_of
 from app.analysis.reading.description import JOIN, RATINGS, VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.rankings import find_best_worst, find_ranked_columns, find_ranking, find_wide_ranks
 from app.analysis.reading.kinds.ratings import find_comparisons, find_ratings, find_wide_ratings, quietly
@@ -241,8 +238,6 @@ REVERSED = re.compile(
 )
 MORE_IS_BETTER = "more counts as better; turn the numbers round where it is not"
 TRIAL_NUMBER = re.compile(r"trial(s|no|nr|num|number|index|id|n)?$|timestamp$|thisn$")  # of plain names
-FEWEST_SORTED = 2**26  # keys of which not each has a byte
-LARGEST_KEY = 2**62  # that an int64 holds
 RUN = re.compile(r"session|phase|block|part$|run$|loop|repe", re.IGNORECASE)  # in which numbers may begin again
 MOST_KINDS = 20  # different texts of a column that may tell repeated rows apart; more are numbers of trials
 
@@ -275,10 +270,10 @@ def _repeats(seen: Seen, description: Description, rest: Sequence[str]) -> list[
         return warnings
     who = [joined_column(seen.table, columns[role]) for role in ("participant", *what)]
     trials = [name for name in seen.table.names if TRIAL_NUMBER.search(plain(name)) and seen.column(name).filled]
-    if not (few or trials) or _different(who) == len(seen.table):
+    if not (few or trials) or n_different(who) == len(seen.table):
         return warnings
     for name in few:
-        if _different([*who, seen.column(name)]) == len(seen.table):
+        if n_different([*who, seen.column(name)]) == len(seen.table):
             apart = Told(columns={"dataset": JOIN.join((*columns.get("dataset", ()), name))})
             others = Told(columns={"participant": JOIN.join((*columns["participant"], name))})
             warnings.append(
@@ -292,28 +287,12 @@ def _begun_again(seen: Seen, who: Sequence[Column], trials: Sequence[str]) -> li
     """Warn where few rows of the same person, dataset and items also have the same number of a trial."""
     runs = [name for name in seen.table.names if RUN.search(name) and name not in trials]
     for name in trials:
-        again = len(seen.table) - _different([*who, *map(seen.column, (name, *runs))])
+        again = len(seen.table) - n_different([*who, *map(seen.column, (name, *runs))])
         if 0 < 2 * again < len(seen.table):
             has = "has" if again == 1 else "have"
             about = f"{counted(again, 'row')} of the same participant and items as another also {has} the same {name!r}"
             return [f"{about}: joined twice, or begun again? They count"]
     return []
-
-
-def _different(columns: Sequence[Column]) -> int:
-    """Return how many rows some columns tell apart."""
-    key, size = np.zeros(len(columns[0]), np.int64), 1
-    for column in columns:
-        if size * len(column.words) > LARGEST_KEY:
-            key, kept = pd.factorize(key)
-            size = len(kept)
-        key = key * len(column.words) + column.codes
-        size *= len(column.words)
-    if size > FEWEST_SORTED:
-        return len(pd.unique(key))
-    is_there = np.zeros(size, bool)
-    is_there[key] = True
-    return int(np.count_nonzero(is_there))
 
 
 def _odd_cells(seen: Seen, description: Description) -> list[str]:
