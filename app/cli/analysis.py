@@ -133,7 +133,8 @@ def _recognised(paths: Sequence[Path], told: Told, *, can_ask: bool) -> list[Sou
         try:
             sources.append(recognise_file(paths[len(sources)], told))
         except QuestionError as question:
-            if not (can_ask and sys.stdin.isatty() and sys.stderr.isatty()):
+            is_answered = can_ask and len(question.readings) > 1 and sys.stdin.isatty() and sys.stderr.isatty()
+            if not is_answered:
                 raise
             told = told.and_told(_answer(question))
     return sources

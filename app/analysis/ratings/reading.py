@@ -13,13 +13,15 @@ from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable
 from app.analysis.reading.cells import Column, Problems, number_or_nan, numbered_names, same, shown
 from app.analysis.reading.description import COMPARISONS, Description, Told
 from app.analysis.reading.layouts import LongTable, flags, rows_of
-from app.analysis.reading.phrases import counted
-from app.analysis.reading.sources import Source, fingerprint, in_lists, recognise_file
+from app.analysis.reading.phrases import counted, listed
+from app.analysis.reading.sources import Source, fingerprint, in_lists, look_alikes, recognise_file
 from app.analysis.reading.votes_table import ROLE_CODES, VotesError
 
 SCALE = (1.0, 5.0)  # of ITU-T P.910, five-level
 COMPARISON_SCALE = (-3.0, 3.0)  # of ITU-T P.910, seven-level
 FILLED = {False: ("participant", "condition", "rating"), True: ("participant", "item_a", "item_b", "rating")}
+WIDE = 20  # points of a scale whose lowest tenth may be another scale
+FEWEST_LOW = 3  # ratings of somebody who may have used it
 MOST_GRADES = 12  # different ratings that are counted one by one
 
 
@@ -59,7 +61,25 @@ def understand_ratings(
         warnings.append(
             "no grade is 0 or below: if the scale begins at 1, write its middle as 0 and the first item's side below it"
         )
-    return table, [_sentence(source, table, left_out), *source.warned(warnings)]
+    if isinstance(table, RatingTable):
+        warnings += _other_scales(table)
+    names = {"participants": table.participants} | {
+        what: tuple(dict.fromkeys(names[place] for names in table.items))
+        for place, what in enumerate(("datasets", "conditions"))
+    }
+    return table, [_sentence(source, table, left_out), *look_alikes(names), *source.warned(warnings)]
+
+
+def _other_scales(table: RatingTable) -> list[str]:
+    """Warn of people who stayed in the lowest tenth of a wide scale where others did not: as from 1 to 5 of 100."""
+    lowest_tenth = table.low + (table.high - table.low) / 10
+    highest = np.full(len(table.participants), -np.inf)
+    np.maximum.at(highest, table.person, table.rating)
+    is_low = (highest <= lowest_tenth) & (np.bincount(table.person, minlength=len(highest)) >= FEWEST_LOW)
+    if table.high - table.low < WIDE or not is_low.any() or is_low.all():
+        return []
+    names = [name for name, low in zip(table.participants, is_low, strict=True) if low]
+    return [f"{listed(names)} never rated above {lowest_tenth:g} of {table.high:g}: on another scale than the others?"]
 
 
 def _sentence(source: Source, table: RatingTable | ComparisonTable, left_out: str) -> str:
@@ -170,7 +190,8 @@ def _check_filled(rows: LongTable, roles: Sequence[str], problems: Problems) -> 
         raise VotesError(f"lacks {columns} {', '.join(missing)}; found {', '.join(rows.columns)}")
     dataset = rows.columns.get("dataset")
     for role in (*roles, *(["dataset"] if dataset is not None and dataset.filled else [])):
-        problems.add(rows.columns[role].meaning(lambda word: not word, bool), f"{role} is empty")
+        way = "; leave out rows without a rating" if role == "rating" else ""
+        problems.add(rows.columns[role].meaning(lambda word: not word, bool), f"{role} is empty{way}")
 
 
 def _scaled(
@@ -189,9 +210,11 @@ def _scaled(
 
     is_filled = column.meaning(bool, bool)
     problems.add(np.isnan(rating) & is_filled, lambda row: f"{cell(row)} {shown(word(row))}, expected a number")
-    hint = "another scale: --scale LOW:HIGH" + (
-        "; leave columns out that hold no ratings" if rows.origin is not None else ""
-    )
+    hint = "another scale: --scale LOW:HIGH; a code for no answer is to be an empty cell"
+    if description.holds == COMPARISONS:
+        hint = "another scale: --scale -HIGH:HIGH; 0 is to be its middle"
+    elif rows.origin is not None:
+        hint += "; leave columns out that hold no ratings"
     problems.add(
         (rating < low) | (rating > high), lambda row: f"{cell(row)} {word(row)}, expected {low:g} to {high:g} ({hint})"
     )

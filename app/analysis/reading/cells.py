@@ -17,6 +17,8 @@ from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError
 
 LONGEST_VALUE = 80  # letters of a file that a message repeats
+FEWEST_SORTED = 2**26  # keys of which not each has a byte
+LARGEST_KEY = 2**62  # that an int64 holds
 MOST_NAMED = 40  # columns that it names
 DECIMAL_COMMA = re.compile(r"[+-]?(?!\d{1,3}(,\d{3})+$)\d+,\d+|[+-]?0,\d+")  # 1,5 and 0,125; 1,234 may be thousands
 
@@ -106,6 +108,22 @@ def numbered_names(values: Iterable[Hashable], known: dict[Any, int], kind: type
 def is_repeated(values: Iterable[Hashable]) -> NDArray[np.bool_]:
     """Which values stand there before, too? bool (N,)."""
     return np.asarray(np.diff(np.maximum.accumulate(numbered_names(values, {})), prepend=-1) == 0)
+
+
+def n_different(columns: Sequence[Column]) -> int:
+    """Return how many rows some columns tell apart."""
+    key, size = np.zeros(len(columns[0]), np.int64), 1
+    for column in columns:
+        if size * len(column.words) > LARGEST_KEY:
+            key, kept = pd.factorize(key)
+            size = len(kept)
+        key = key * len(column.words) + column.codes
+        size *= len(column.words)
+    if size > FEWEST_SORTED:
+        return len(pd.unique(key))
+    is_there = np.zeros(size, bool)
+    is_there[key] = True
+    return int(np.count_nonzero(is_there))
 
 
 def column_of(cells: Iterable[Any]) -> Column:

@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.reading.cells import Column, number_or_nan, shown
+from app.analysis.reading.cells import Column, is_numeric, number_or_nan, numbered_names, shown, values_of
 from app.analysis.reading.description import BY_ITEM, QuestionError, Reading, Told
 from app.analysis.reading.votes_table import CHOICE_CODES, CHOICES, NONE, A, B, VotesError
 from app.analysis.reading.words import ENDS, SIDES, STRENGTH, STRENGTHS, TIES, TRUE_FALSE, ends_of, words_of
 
 Codes = NDArray[np.int8]
 UNKNOWN = -1
+HIGHEST_GRADE = 3  # of ITU-T P.910's comparison categories
 # Words around a side that say nothing: "the left image is better".
 FILLERS = frozenset(
     words_of(
@@ -36,6 +37,7 @@ NUMBER_CODES: dict[frozenset[str], tuple[dict[str, str], ...]] = {
         {"a": "0", "b": "1", "none": "2"},
         {"a": "0", "none": "1", "b": "2"},
     ),
+    frozenset({"0", "0.5", "1"}): ({"a": "1", "none": "0.5", "b": "0"}, {"a": "0", "none": "0.5", "b": "1"}),
     frozenset({"1", "2", "3"}): ({"a": "1", "b": "2", "none": "3"}, {"a": "1", "none": "2", "b": "3"}),
 }
 
@@ -106,7 +108,9 @@ def _understand(asked: Asked, told: Mapping[str, str]) -> Meaning:
     given = {word: told[word] for word in CHOICES if word in told}
     ties = TIES | ({given["none"].lower(): NONE} if "none" in given else {})
     names = [given.get(word, word) for word in CHOICES]
-    theirs = Meaning({name.lower(): code for code, name in enumerate(names)}, expected=", ".join(names))
+    place = {_as_code(name): code for code, name in enumerate(names)}
+    words = {word.lower(): place[_as_code(word)] for word in (*names, *asked.choice.filled) if _as_code(word) in place}
+    theirs = Meaning(words, expected=", ".join(names))
     if {"a", "b"} & set(given):
         return theirs
     readings = _readings(asked, ties)
@@ -126,7 +130,7 @@ def _understand(asked: Asked, told: Mapping[str, str]) -> Meaning:
     best = max(readings, key=lambda known: int((known[1] != UNKNOWN).sum()), default=None)
     if best is None or not ((best[1] != UNKNOWN) & (best[1] != NONE)).any():
         also = "or the name of one of the two items (other words: --choices a=…,b=…,none=…)"
-        return replace(theirs, expected=f"{theirs.expected}, {also}")
+        return replace(theirs, words={**ties, **theirs.words}, expected=f"{theirs.expected}, {also}")
     return best[0]
 
 
@@ -137,7 +141,20 @@ def codes_of(meaning: Meaning, asked: Asked) -> Codes:
         return np.asarray(codes, np.int8)
     place = {word: index for index, word in enumerate(asked.choice.words)}
     a, b = (item.meaning(lambda word: place.get(word, UNKNOWN), np.int32) for item in (asked.item_a, asked.item_b))
-    return np.asarray(np.select([asked.choice.codes == a, asked.choice.codes == b], [A, B], codes), np.int8)
+    codes = np.select([asked.choice.codes == a, asked.choice.codes == b], [A, B], codes)
+    is_open = (codes == UNKNOWN) & asked.choice.meaning(bool, bool)
+    if is_open.any():
+        known: dict[str, int] = {}
+        files = (asked.choice, asked.item_a, asked.item_b)
+        choice, a, b = (numbered_names(map(file_name, c.words), known, np.int32)[c.codes] for c in files)
+        is_open &= a != b
+        codes = np.select([is_open & (choice == a), is_open & (choice == b)], [A, B], codes)
+    return np.asarray(codes, np.int8)
+
+
+def file_name(name: str) -> str:
+    """Return the name of a file without its folders, its ending, and what follows a question mark."""
+    return re.sub(r"\.[a-z][a-z0-9]{1,4}$", "", re.split(r"[/\\]", name.partition("?")[0])[-1], flags=re.IGNORECASE)
 
 
 def _readings(asked: Asked, ties: Mapping[str, int]) -> list[tuple[Meaning, Codes]]:
@@ -228,17 +245,31 @@ def _ask_if_items_are_called_like_sides(asked: Asked, whole: list[tuple[Meaning,
 
 def _ask_about_numbers(asked: Asked, given: Mapping[str, str]) -> None:
     """Ask which number means which side."""
-    words = {word.lower() for word in asked.choice.filled}
+    words = {_as_code(word) for word in asked.choice.filled}
     if len(words) < 2 or given:  # one number alone is a mistake rather than a code
         return
     ours = {"a": f"{asked.names[0]} preferred", "b": f"{asked.names[1]} preferred", "none": "no preference"}
-    for known, ways in NUMBER_CODES.items():
-        if words <= known:
-            said = [", ".join(f"{theirs} is {ours[our]}" for our, theirs in way.items()) for way in ways]
-            readings = [Reading(text, Told(choices=way)) for text, way in zip(said, ways, strict=True)]
-            if not words <= TRUE_FALSE.keys():
-                readings.append(Reading(f"grades, how much better {asked.names[1]} is", Told(format="ccr")))
-            raise QuestionError(f"the choices {_some_of(asked.choice)} can be read in {len(readings)} ways", readings)
+    if ways := number_codes(asked.choice):
+        said = [", ".join(f"{theirs} is {ours[our]}" for our, theirs in way.items()) for way in ways]
+        readings = [Reading(text, Told(choices=way)) for text, way in zip(said, ways, strict=True)]
+        if not words <= TRUE_FALSE.keys() and all(abs(value) <= HIGHEST_GRADE for value in values_of(asked.choice)):
+            readings.append(Reading(f"grades, how much better {asked.names[1]} is", Told(format="ccr")))
+        raise QuestionError(f"the choices {_some_of(asked.choice)} can be read in {len(readings)} ways", readings)
+
+
+def _as_code(word: str) -> str:
+    """Return a word in lower case, and a number as it is written shortest: 1.0 is 1."""
+    return word.lower() if math.isnan(number := number_or_nan(word)) else f"{number:g}"
+
+
+def number_codes(choice: Column) -> tuple[dict[str, str], ...]:
+    """Return what numbers may mean, our word -> theirs, each way; none where they are rather grades."""
+    words = {_as_code(word) for word in choice.filled}
+    ways = next((ways for known, ways in NUMBER_CODES.items() if words <= known), ())
+    if ways or len(words) != len(SIDES[0]) or not is_numeric(choice):
+        return ways
+    low, high = sorted(words, key=number_or_nan)
+    return {"a": low, "b": high}, {"a": high, "b": low}
 
 
 def _strengths(asked: Asked, ties: Mapping[str, int]) -> list[Meaning]:

@@ -87,13 +87,14 @@ class Reading:
 
 
 class QuestionError(VotesError):
-    """Several readings fit a table; the message shows them all, with the option that picks each."""
+    """Several readings fit a table, or one that must be confirmed; the message shows each, with its option."""
 
     def __init__(self, about: str, readings: Sequence[Reading]) -> None:
         self.about = about
         self.readings = tuple(readings)
         lines = [f"  {number}. {reading.text}: {reading.told}" for number, reading in enumerate(readings, start=1)]
-        super().__init__("\n".join([f"{about}; which is meant?", *lines]))
+        single = f"{about}; {readings[0].told} takes it as: {readings[0].text}" if len(lines) == 1 else ""
+        super().__init__(single or "\n".join([f"{about}; which is meant?", *lines]))
 
     def at(self, place: Path | str) -> QuestionError:
         """Return the question about a file."""

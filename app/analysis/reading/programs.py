@@ -15,7 +15,7 @@ from app.analysis.reading.cells import Column, Table, column_of, is_numeric, num
 from app.analysis.reading.files.nested import QUESTION
 from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, pair_in, pairs_in, plain
+from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, means, pair_in, pairs_in, plain
 
 
 @dataclass(frozen=True)
@@ -152,9 +152,7 @@ def _psychopy(table: Table) -> Table:
     pairs = [name for name in table.names if (end := ends_of(name)) and end[0]] or [
         name for name in table.names if plain(name) in ("left", "right", "a", "b")
     ]
-    shown_names = pairs or [
-        name for name in table.names if plain(name) in ("condition", "stimulus", "stim", "image", "video", "item")
-    ]
+    shown_names = pairs or [name for name in table.names if means("condition", name)]
     if not shown_names:
         return table
     is_shown = np.logical_and.reduce([table.columns[name].meaning(bool, bool) for name in shown_names])
@@ -292,6 +290,20 @@ def _webmushra(table: Table, names: Mapping[str, str]) -> Table:
     return _renamed(table, {person: "participant", "trialid": "dataset", **names})
 
 
+OTREE = re.compile(r"^(?:player|group|subsession)\.")
+MTURK = re.compile(r"^(?:Input|Answer)\.")
+
+
+def _without_prefixes(table: Table, prefixes: re.Pattern[str]) -> Table:
+    """Cut what a program writes before a column's name, where the rest is no other column's."""
+    cut = {name: prefixes.sub("", name) for name in table.names}
+    alone = {name for name in cut if [*cut.values()].count(cut[name]) == 1}
+    return _renamed(
+        replace(table, columns={cut[name] if name in alone else name: table.columns[name] for name in cut}),
+        {"participantcode": "participant"},
+    )
+
+
 MUSHRA_PEOPLE = ("sessionuuid", "participantid", "listenerid", "email", "participantemail", "name", "participantname")
 # What a paired comparison of webMUSHRA says of the answer: was the reference found?
 MUSHRA_WORDS = {"correct": "a", "incorrect": "b", "undecided": "none"}
@@ -314,6 +326,16 @@ PROGRAMS: dict[str, Program] = {
         _crowd_columns,
         _crowd,
         "a row for each worker: answer.q1, answer.q1_url (or input.q1), answer.q2, …; answer.q1_order in CCR",
+    ),
+    "otree": Program(
+        _has("participantcode", "sessioncode"),
+        partial(_without_prefixes, prefixes=OTREE),
+        "participant.code, session.code, player.…, subsession.round_number",
+    ),
+    "mturk": Program(
+        _has("hitid", "workerid", "assignmentstatus"),
+        partial(_without_prefixes, prefixes=MTURK),
+        "HITId, WorkerId, AssignmentStatus, Input.…, Answer.…",
     ),
     "webmushra": Program(
         _has("trialid", "ratingstimulus", "ratingscore"),

@@ -5,7 +5,6 @@ Rows are counted from 1, without the header; an error names the row, the column 
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -20,8 +19,9 @@ from app.analysis.reading.choices import UNKNOWN, Asked, Meaning, codes_of
 from app.analysis.reading.description import VOTES, Description, Told
 from app.analysis.reading.layouts import LongTable, flags, rows_of, stacked
 from app.analysis.reading.phrases import counted
+from app.analysis.reading.programs import NOT_THERE
 from app.analysis.reading.recognise import recognise
-from app.analysis.reading.sources import Source, fingerprint, in_lists, in_several, recognise_file
+from app.analysis.reading.sources import Source, fingerprint, in_lists, in_several, look_alikes, recognise_file
 from app.analysis.reading.votes_table import (
     CHOICE_CODES,
     CHOICES,
@@ -118,7 +118,8 @@ def understand_votes(paths: Sequence[Path | str | Source], told: Told | None = N
         sentences.append(_sentence(source, table))
         warnings += source.warned()
     votes = tables[0] if len(tables) == 1 else joined(tables)
-    return votes, [*sentences, *_look_alikes(votes), *in_several(table.participants for table in tables), *warnings]
+    names = {what: getattr(votes, what) for what in ("participants", "datasets", "items")}
+    return votes, [*sentences, *look_alikes(names), *in_several(table.participants for table in tables), *warnings]
 
 
 def votes_of(source: Source) -> VotesTable:
@@ -160,21 +161,6 @@ def _fingerprint(votes: VotesTable) -> str:
     """Return a number that changes with any vote, name or exclusion."""
     columns = [getattr(votes, field.name) for field in fields(VotesTable) if field.name not in (*NAMES, "reason")]
     return fingerprint([votes.participants, votes.datasets, votes.items], columns)
-
-
-def _look_alikes(votes: VotesTable) -> list[str]:
-    """Name participants, datasets and items that differ in nothing but capitals, accents, spaces or signs."""
-    sentences = []
-    for what in ("participants", "datasets", "items"):
-        alike: dict[str, list[str]] = {}
-        for name in getattr(votes, what):
-            letters = filter(str.isalnum, unicodedata.normalize("NFKD", name))
-            alike.setdefault("".join(letters).casefold() or name, []).append(name)
-        for names in alike.values():
-            if len(names) > 1:
-                quoted = " and ".join(map(repr, names))
-                sentences.append(f"{quoted} look alike and are counted as {len(names)} {what}")
-    return sentences
 
 
 def _votes(table: Table, description: Description) -> VotesTable:
@@ -250,7 +236,9 @@ def _choice(rows: LongTable, description: Description, problems: Problems) -> ND
     codes = codes_of(Meaning(words, description.by_item), asked)
     expected = description.expected or ", ".join(CHOICES)
     problems.add(column.is_missing, "choice is missing")
-    problems.add((codes == UNKNOWN) & ~column.is_missing, lambda r: rows.wrong("choice", r, expected))
+    ways = dict.fromkeys(("", *NOT_THERE), "; leave out rows without an answer")
+    is_unknown = (codes == UNKNOWN) & ~column.is_missing
+    problems.add(is_unknown, lambda r: rows.wrong("choice", r, expected) + ways.get(column.text(r), ""))
     return np.where(flags(rows, "ties", problems), NONE, codes).astype(np.int8)
 
 

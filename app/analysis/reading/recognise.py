@@ -10,14 +10,11 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
-from app.analysis.reading.cells import Column, Table, is_numeric, named, shown, values_of
-from app.analysis.reading.description import JOIN, VOTES, Description, QuestionError, Reading, Told
+from app.analysis.reading.cells import Column, Table, is_numeric, n_different, named, shown, values_of
+from app.analysis.reading.description import JOIN, RATINGS, VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.rankings import find_best_worst, find_ranked_columns, find_ranking, find_wide_ranks
 from app.analysis.reading.kinds.ratings import find_comparisons, find_ratings, find_wide_ratings, quietly
-from app.analysis.reading.kinds.seen import WIDE_ROLES, Finder, Seen
+from app.analysis.reading.kinds.seen import FEWEST_RATED, WIDE_ROLES, Finder, Seen, columns_of_numbers
 from app.analysis.reading.kinds.votes import (
     ask_about_counts,
     find_matrix,
@@ -28,12 +25,16 @@ from app.analysis.reading.kinds.votes import (
     with_meaning,
 )
 from app.analysis.reading.layouts import joined_column
+from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import (
     COUNTS,
+    MOST_PLACES,
     MULTIPLE,
+    PLACED,
     SEVERAL,
     SEVERAL_RUNS,
+    SWAPPED,
     TRUE_FALSE,
     is_never,
     is_suspicious,
@@ -110,7 +111,7 @@ def _several(matches: Mapping[str, Description]) -> QuestionError:
         told = Told(format=name)
         for role in ("choice", "rating", "rank"):
             if role in description.columns:
-                told = Told(columns={role: JOIN.join(description.columns[role])})
+                told = Told({role: JOIN.join(description.columns[role])}, format=name if name == "ratings" else "")
         readings.append(Reading(BY_NAMES[name][1].format_map(names), told))
     return QuestionError(f"the columns can be read in {len(readings)} ways", readings)
 
@@ -146,8 +147,16 @@ LAYOUTS: dict[str, tuple[Finder, ...]] = {
 
 def _lacking(seen: Seen) -> str:
     """Say what a table lacks, for what it comes nearest to."""
+    if len(seen.table.names) == 1 or sum(name.startswith("Unnamed: ") for name in seen.table.names[1:]) > 1:
+        shape = "has a single column" if len(seen.table.names) == 1 else "has columns without names"
+        names = named(seen.table.names) or "none"
+        return f"{shape}; the first line is to name them, commas, semicolons, tabs or bars between; found {names}"
     is_rated = (quietly(seen, "condition") or seen.candidates("rating")) and not seen.pairs
-    wanted = ("participant", "condition", "rating") if is_rated else ("item_a", "item_b", "choice")
+    is_wide = len(columns_of_numbers(seen, ())) >= FEWEST_RATED and not (
+        is_rated or seen.pairs or seen.candidates("choice")
+    )
+    rated = ("participant", "condition", "rating") if is_rated else ("participant",)
+    wanted = rated if is_rated or is_wide else ("item_a", "item_b", "choice")
     there = {role for role in wanted if seen.candidates(role) or (seen.pairs and role in ("item_a", "item_b"))}
     missing = [role for role in wanted if role not in there] or ["choice"]
     return (
@@ -171,6 +180,13 @@ def _with_lists(seen: Seen, description: Description) -> Description:
                 f"the column {name!r} is not used: what it tells apart ({named([repr(word) for word in words[:4]])}) "
                 f"counts as the same; {Told(columns={'dataset': name})} keeps it apart"
             )
+        elif _may_turn_choices(name, column, description):
+            warnings.append(
+                f"the column {name!r} is not used, and may say that items stood the other way round in some rows; "
+                "if so, exchange item_a and item_b there"
+            )
+        elif REVERSED.search(name) and description.holds == RATINGS:
+            warnings.append(f"the column {name!r} is not used, and may say that a scale is turned: {MORE_IS_BETTER}")
         elif is_suspicious(name, words) and (column.filled or not len(seen.table)):
             holds = named([repr(word) for word in column.filled[:4]]) or "nothing"
             warnings.append(
@@ -179,6 +195,11 @@ def _with_lists(seen: Seen, description: Description) -> Description:
             )
     warnings += _repeats(seen, description, [name for name in rest if not any(repr(name) in text for text in warnings)])
     warnings += _odd_cells(seen, description)
+    warnings += [
+        f"{name!r} may be a scale that is turned: {MORE_IS_BETTER}"
+        for name in description.columns.get("rating", ())
+        if description.holds == RATINGS and REVERSED.search(name)
+    ]
     if description.without:
         names = [seen.column(next(iter(description.columns.values()))[0]).texts[row] for row in description.without]
         rows = ", ".join(str(seen.table.row(row)) for row in description.without)
@@ -186,9 +207,19 @@ def _with_lists(seen: Seen, description: Description) -> Description:
     return replace(description, not_used=rest, warnings=tuple(warnings))
 
 
+def _may_turn_choices(name: str, column: Column, description: Description) -> bool:
+    """May a column say which item stood where, in a table whose choices are sides?"""
+    if description.holds != VOTES or description.layout != "rows" or description.by_item:
+        return False
+    speaks = SWAPPED.search(name) or (PLACED.search(name) and "trial" not in plain(name))
+    return bool(speaks) and 1 < len(column.filled) <= MOST_PLACES
+
+
 def _way_to_use(name: str, column: Column, description: Description) -> str:
     """Return what to do with a column that may say which rows count, where doing it can be right."""
     if len(column.filled) < 2:
+        return ""
+    if SWAPPED.search(name):
         return ""
     is_run = SEVERAL_RUNS.search(name)
     if is_run and "dataset" not in description.columns:
@@ -202,6 +233,12 @@ def _way_to_use(name: str, column: Column, description: Description) -> str:
 
 
 REPEATABLE = ("rows", "won", "ranking", "ranked", "ranks", "best-worst")  # layouts whose rows may be one person's
+REVERSED = re.compile(
+    r"revers|invert|\b1\s*(=|:|is|means)\s*(the )?(best|excellent|very good|sehr gut)|schulnote", re.IGNORECASE
+)
+MORE_IS_BETTER = "more counts as better; turn the numbers round where it is not"
+TRIAL_NUMBER = re.compile(r"trial(s|no|nr|num|number|index|id|n)?$|timestamp$|thisn$")  # of plain names
+RUN = re.compile(r"session|phase|block|part$|run$|loop|repe", re.IGNORECASE)  # in which numbers may begin again
 MOST_KINDS = 20  # different texts of a column that may tell repeated rows apart; more are numbers of trials
 
 
@@ -229,26 +266,33 @@ def _repeats(seen: Seen, description: Description, rest: Sequence[str]) -> list[
             for name in rest
             if plain(name).endswith("id") and 1 < len(seen.column(name).filled) < len(seen.table)
         ]
-    if description.layout not in REPEATABLE or "participant" not in columns or not few:
+    if description.layout not in REPEATABLE or "participant" not in columns or not len(seen.table):
         return warnings
-    key = np.zeros(len(seen.table), np.int64)
-    for role in ("participant", *what):
-        key = _with_code(key, joined_column(seen.table, columns[role]))
-    different = len(np.unique(key))
-    for name in few if different < len(key) else ():
-        if len(np.unique(_with_code(key, seen.column(name)))) == len(key):
+    who = [joined_column(seen.table, columns[role]) for role in ("participant", *what)]
+    trials = [name for name in seen.table.names if TRIAL_NUMBER.search(plain(name)) and seen.column(name).filled]
+    if not (few or trials) or n_different(who) == len(seen.table):
+        return warnings
+    for name in few:
+        if n_different([*who, seen.column(name)]) == len(seen.table):
             apart = Told(columns={"dataset": JOIN.join((*columns.get("dataset", ()), name))})
             others = Told(columns={"participant": JOIN.join((*columns["participant"], name))})
             warnings.append(
                 f"rows of the same participant and items differ in the column {name!r}, which is not used: they count "
                 f"as repeats; {apart} keeps them apart, {others} takes them for other people's"
             )
-    return warnings
+    return [*warnings, *_begun_again(seen, who, trials if description.layout in ("rows", "won") else ())]
 
 
-def _with_code(key: NDArray[np.int64], column: Column) -> NDArray[np.int64]:
-    """Return numbers (N,) that tell apart what both the key and the column tell apart."""
-    return np.asarray(np.unique(key * len(column.words) + column.codes, return_inverse=True)[1], np.int64)
+def _begun_again(seen: Seen, who: Sequence[Column], trials: Sequence[str]) -> list[str]:
+    """Warn where few rows of the same person, dataset and items also have the same number of a trial."""
+    runs = [name for name in seen.table.names if RUN.search(name) and name not in trials]
+    for name in trials:
+        again = len(seen.table) - n_different([*who, *map(seen.column, (name, *runs))])
+        if 0 < 2 * again < len(seen.table):
+            has = "has" if again == 1 else "have"
+            about = f"{counted(again, 'row')} of the same participant and items as another also {has} the same {name!r}"
+            return [f"{about}: joined twice, or begun again? They count"]
+    return []
 
 
 def _odd_cells(seen: Seen, description: Description) -> list[str]:

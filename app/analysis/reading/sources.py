@@ -6,9 +6,10 @@ the table.
 
 from __future__ import annotations
 
+import unicodedata
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.reading.cells import Table, named
+from app.analysis.reading.cells import Table, named, number_or_nan
 from app.analysis.reading.description import VOTES, Description, Told
 from app.analysis.reading.files.tabular import read_table
 from app.analysis.reading.phrases import counted, listed
@@ -25,6 +26,7 @@ from app.analysis.reading.recognise import recognise
 from app.analysis.reading.votes_table import naming
 
 WARNING = "Warning: "  # begins a sentence that is one
+EXACT = 1e5  # numbers below are told apart by six digits
 MOST_NAMED = 8  # participants, datasets and conditions that are listed
 
 
@@ -89,6 +91,22 @@ def fingerprint(names: Sequence[object], columns: Sequence[NDArray[Any]]) -> str
         is_one = column.strides == (0,)
         check = zlib.crc32(np.ascontiguousarray(column[:1] if is_one else column).data, check)
     return f"{check:08x}"
+
+
+def look_alikes(names: Mapping[str, Sequence[str]]) -> list[str]:
+    """Name participants, datasets and items that differ in nothing but capitals, accents, spaces, signs or noughts."""
+    sentences = []
+    for what, different in names.items():
+        alike: dict[str, list[str]] = {}
+        for name in different:
+            letters = "".join(filter(str.isalnum, unicodedata.normalize("NFKD", name))).casefold()
+            number = number_or_nan(name)
+            alike.setdefault(f"{number:g}" if abs(number) < EXACT else letters or name, []).append(name)
+        for several in alike.values():
+            if len(several) > 1:
+                quoted = " and ".join(map(repr, several))
+                sentences.append(f"{quoted} look alike and are counted as {len(several)} {what}")
+    return sentences
 
 
 def in_several(participants: Iterable[Sequence[str]]) -> list[str]:

@@ -29,19 +29,30 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
     "participant": words_of(
         "participantid participantname judge judgeid observer observerid subject subjectid subj user userid "
         "username worker workerid rater raterid annotator annotatorid respondent respondentid responseid "
-        "voter voterid viewer pid prolificpid prolificid sessionuuid assessor evaluator"
+        "voter voterid viewer emailaddress pid prolificpid prolificid sessionuuid assessor evaluator proband probandid "
+        "versuchsperson vp vpn vpnr vpnummer teilnehmer teilnehmerid teilnehmernr beobachter sujet observateur "
+        "participante sujeto observador juge 被试 被试编号 参与者 被験者"
     ),
-    "dataset": ("scene", "content", "sequence", "src", "datasetid", "sceneid", "contentid"),
+    "dataset": words_of(
+        "scene content sequence src datasetid sceneid contentid szene sequenz inhalt scène séquence contenu escena "
+        "secuencia 场景"
+    ),
     "choice": words_of(
         "choices pref preferred preference winner selected vote response resp answer choose chosen picked "
-        "pick decision verdict judgement judgment keyresp keyrespkeys"
+        "pick decision verdict judgement judgment keyresp keyrespkeys antwort auswahl wahl präferenz entscheidung "
+        "choix réponse préférence elección respuesta preferencia 选择 偏好 回答"
     ),
     "condition": (
         *("conditionid", "item", "itemid", "stimulus", "stimulusid", "stim", "pvs", "hrc", "method", "model", "system"),
         *("algorithm", "film", "video", "videoname", "videoid", "file", "filename", "ratingstimulus", "technique"),
-        *("clip", "clipname", "image", "imagename", "fileurl", "videourl", "stimulusname"),
+        *("clip", "clipname", "image", "imagename", "fileurl", "videourl", "stimulusname", "cond", "stimfile"),
+        *("stimulusfile", "imagefile", "videofile", "bedingung", "verfahren", "methode", "algorithmus", "méthode"),
+        *("condición", "condicion", "método", "metodo", "方法", "条件", "算法", "手法"),
     ),
-    "rating": ("ratings", "score", "opinion", "opinionscore", "grade", "mark", "ratingscore", "ratingvalue"),
+    "rating": words_of(
+        "ratings score opinion opinionscore grade mark ratingscore ratingvalue stars bewertung évaluation puntuación "
+        "puntuacion calificación 评分 分数 得分 評価"
+    ),
     "practice": ("ispractice",),
     "excluded": ("isexcluded",),
     "reference": ("isreference",),
@@ -50,8 +61,8 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
     "wins_b": ("win2", "wins2", "winsb", "bwins", "awaywins", "rightwins", "winsright", "votesb", "votes2", "countb"),
     "ties": ("tie", "draws", "draw", "ntie", "nties", "istie", "isdraw", "tied", "nopreference", "isequal"),
     "rank": ("ranking", "place", "position"),
-    "winner": ("winnerid", "winnername", "winneritem", "won", "chosenmodel", "chosenitem", "preferreditem"),
-    "loser": ("loserid", "losername", "loseritem", "lost", "rejected", "rejectedmodel", "rejecteditem"),
+    "winner": ("winnerid", "winnername", "winneritem", "won", "chosenmodel", "chosenitem", "preferreditem", "sieger"),
+    "loser": ("loserid", "losername", "loseritem", "lost", "rejected", "rejectedmodel", "rejecteditem", "verlierer"),
     "best": ("most", "mostpreferred", "bestitem"),
     "worst": ("least", "leastpreferred", "worstitem"),
 }
@@ -71,9 +82,12 @@ TRUE_FALSE = {"1": True, "true": True, "yes": True, "0": False, "false": False, 
 STEMS = (
     *("item", "condition", "cond", "stimulus", "stim", "method", "model", "option", "system", "video", "image", "img"),
     *("picture", "clip", "film", "sample", "algorithm", "algo", "technique", "alternative", "candidate", "player"),
-    *("team", "object", "file", "filename", "pvs", "hrc", "film", "sequence", "name"),
+    *("team", "object", "file", "filename", "pvs", "hrc", "film", "sequence", "name", "bild", "methode", "verfahren"),
+    *("imagen", "vidéo", "méthode", "método"),
 )
-ENDS = (("a", "b"), ("1", "2"), ("left", "right"), ("first", "second"), ("home", "away"))
+ABROAD = (("links", "rechts"), ("gauche", "droite"), ("izquierda", "derecha"), ("左", "右"))
+ENDS = (("a", "b"), ("1", "2"), ("left", "right"), ("first", "second"), *ABROAD, ("home", "away"))
+WITH_TAILS = (("left", "right"), *ABROAD)  # left_url and right_url; a first_name is a person's
 MORE_ENDS = ("c", "3", "third", "middle")  # a third of a kind: not two items
 TAILS = ("id", "name", "path", "url", "file")
 
@@ -81,7 +95,17 @@ TIES = dict.fromkeys(
     (
         *("none", "tie", "ties", "tied", "draw", "equal", "same", "both", "neither", "no preference"),
         *("nopreference", "no difference", "about the same", "the same", "equally good", "tie (bothbad)"),
-        *("tie (both bad)", "bothbad", "both bad", "both good", "cannot decide", "can't decide", "undecided"),
+        *(
+            "gleich",
+            "kein unterschied",
+            "unentschieden",
+            "égal",
+            "pas de différence",
+            "igual",
+            "sin diferencia",
+            "相同",
+        ),
+        *("=", "≈", "tie (both bad)", "bothbad", "both bad", "both good", "cannot decide", "can't decide", "undecided"),
     ),
     NONE,
 )
@@ -112,16 +136,20 @@ NEVER = frozenset(
         "zip zipcode email income height_cm cohort site lab room price reward payment bonus kurtosis skew skewness "
         "outlier outliers ratio percent iqr clicks plays replays views looks switches toggles visits position hours "
         "familiarity gaming ssq tlx sus presence nausea sickness cybersickness discomfort workload immersion alter "
-        "geschlecht edad sexo sexe mittelwert durchschnitt moyenne promedio overall"
+        "geschlecht edad sexo sexe mittelwert durchschnitt moyenne promedio overall stdabw stabw standardabweichung "
+        "anzahl streuung varianz écarttype 平均 平均值 标准差 minimum maximum datum uhrzeit zeit zeitstempel dauer "
+        "reaktionszeit fecha hora heure durée kommentar commentaire comentario bemerkung land pays país 年龄 性别 时间"
     )
 ) | {""}
 # Rows of a wide table that are nobody.
 SUMMARIES = frozenset(
     words_of(
         "mos dmos cmos sd std stdev stddev se sem ci ci95 95ci mean average avg median var variance total totals sum "
-        "all overall summary mittelwert durchschnitt gesamt summe moyenne promedio"
+        "all overall summary mittelwert durchschnitt gesamt summe moyenne promedio count minimum maximum "
+        "stdabw stabw standardabweichung varianz anzahl écarttype 平均 平均值 标准差"
     )
 )
+INITIALS = frozenset(words_of("sd std se sem ci var sum all"))  # of statistics, or of people
 # What a column is likely to say if its name or its cells hold this: that some rows should not count, or are apart.
 SUSPICIOUS = re.compile(
     r"practi[cs]|train|warm.?up|exclu|reject|discard|remove|outlier|attention|catch|trap|gold|sanity|honeypot|session|"
@@ -144,9 +172,16 @@ SEVERAL_RUNS = re.compile(r"session|scene|phase", re.IGNORECASE)
 SWAPPED = re.compile(r"swap|flip|mirror|revers", re.IGNORECASE)  # sides that stand the other way round in some rows
 # What may say on which side, or in which order, the items of a row were shown.
 PLACED = re.compile(r"order|pos(ition)?|side|locat|placement|left|right|first|second|top|bottom", re.IGNORECASE)
+MOST_PLACES = 3  # different places that an item may have
 SEVERAL = re.compile(r"criteri|question|attribute|dimension|aspect|rating.?type|^scale|^task", re.IGNORECASE)
 MULTIPLE = ("n", "freq", "frequency", "weight", "weights", "times", "votes", "total", "num", "number", "multiplicity")
-GRADES = {"excellent": 5.0, "good": 4.0, "fair": 3.0, "poor": 2.0, "bad": 1.0}  # ITU-T P.910, absolute categories
+SCALES = (  # ITU-T P.910, absolute categories, and the same in other languages
+    *("excellent,good,fair,poor,bad", "ausgezeichnet,gut,ordentlich,dürftig,schlecht", "优,良,中,差,劣"),
+    *("excellent,bon,assez bon,médiocre,mauvais", "excelente,buena,aceptable,mediocre,mala"),
+    "excelente,bueno,regular,pobre,malo",
+)
+GRADES = {word: float(5 - place) for words in SCALES for place, word in enumerate(words.split(","))}
+LABELLED = re.compile(r"(\d+)(?:\s*[-–—:.=()]\s*|\s+)[^\W\d]\D*")  # "5 - Excellent", "4 (good)", "3 stars"
 MOST_WORDS = 12  # different texts of a column whose cells are looked at; more are names or numbers
 COMMENTS = re.compile(
     r"[\s_:,;()\[\]-]+(comments?|why|reasons?|remarks?|notes?|explanation|explain|conf|confidence|certainty|certain|"
@@ -171,6 +206,28 @@ TAIL = re.compile(r"(?:\s+[-–—|]\s+|\s*[:;(\[]\s*)\S.*$")  # " - Which is be
 def plain(name: str) -> str:
     """Return a column's name as it is compared: capitals, spaces, points, hyphens and underscores do not matter."""
     return re.sub(r"[\s._-]", "", name).lower()
+
+
+def grades_in(words: Iterable[str]) -> dict[str, float]:
+    """Return the grade of each word of a scale, in lower case; empty if one has none, or if there are none but numbers.
+
+    "Excellent" is 5, "2 - poor" is 2; a number beside them is itself, and a single word is rather a mistake.
+    """
+    lower = dict.fromkeys(word.lower() for word in words)
+    if len(lower) > 1 and lower.keys() <= GRADES.keys():
+        return {word: GRADES[word] for word in lower}
+    numbers = {word: match[1] if (match := LABELLED.fullmatch(word)) else word for word in lower}
+    is_scale = len(set(numbers.values())) == len(lower) > 1 and set(numbers.values()) != lower.keys()
+    return (
+        {word: float(n) for word, n in numbers.items()}
+        if is_scale and all(map(str.isdecimal, numbers.values()))
+        else {}
+    )
+
+
+def has_grade(word: str) -> bool:
+    """May a word be one of a scale, as `grades_in` reads it?"""
+    return word.lower() in GRADES or word.isdecimal() or bool(LABELLED.fullmatch(word))
 
 
 def means(role: str, name: str) -> bool:
@@ -204,7 +261,7 @@ def ends_of(name: str) -> tuple[str, int, int] | None:
         for place, ends in enumerate(ENDS):
             for side, end in enumerate(ends):
                 for stem in {short.removesuffix(end), short.removeprefix(end)} - {short}:
-                    if stem in STEMS or (not stem and not tail and not end.isdigit()):
+                    if stem in STEMS or (not stem and (ends in WITH_TAILS or not tail) and not end.isdigit()):
                         return f"{stem}+{tail}", place, side
     return None
 

@@ -68,7 +68,10 @@ def table_of_text(content: bytes, told: Told) -> Table:
             skip_blank_lines=False, header=0, names=[*_named_once(header), *beyond], on_bad_lines="error",
         )  # fmt: skip
     except pd.errors.ParserError as error:
-        raise VotesError(f"is not a table of equally long rows: {str(error).strip()}") from error
+        raise VotesError(
+            f"is not a table of equally long rows: {str(error).strip()}; the first line is to name the columns, and is "
+            f"{shown(separator.join(header))}"
+        ) from error
     columns = {str(name): column_of_series(frame[name]) for name in frame.columns}
     cells = {
         name: column.mapped(DISARMED.sub("", word.strip()) for word in column.words) for name, column in columns.items()

@@ -25,10 +25,11 @@ from app.analysis.reading.kinds.seen import (
     rating_of,
     says,
     summaries,
+    with_people_alone,
 )
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import GRADES, NEVER, RATING_OPTIONAL, is_never, is_suspicious, means, pair_in, plain
+from app.analysis.reading.words import NEVER, RATING_OPTIONAL, grades_in, is_never, is_suspicious, means, pair_in, plain
 
 ROUNDED = 0.006  # a mean of two decimals is nearer to the true one
 FEWEST_AVERAGED = 3
@@ -58,7 +59,7 @@ def find_comparisons(seen: Seen) -> Description | None:
     is_sure = "rating" in seen.given or seen.told.format == "ccr" or plain(rating[0]) == "rating"
     if not is_sure and {*values_of(choice)} <= {0.0, 0.5, 1.0}:
         _ask_about_points(choice, rating[0], item_a, item_b)
-    return as_grades(Description(COMPARISONS, columns | optional), choice)
+    return as_grades(with_people_alone(seen, Description(COMPARISONS, columns | optional)), choice)
 
 
 def _ask_about_points(column: Column, name: str, item_a: str, item_b: str) -> None:
@@ -92,10 +93,8 @@ def find_ratings(seen: Seen) -> Description | None:
         )
     optional = seen.optional(RATING_OPTIONAL, names_in(columns))
     optional.pop("first_shown", None)
-    worded = {word.lower() for word in seen.column(rating[0]).filled}
-    is_worded = len(worded) > 1 and worded <= set(GRADES)  # a single word is rather a mistake
-    note = "words are grades: excellent is 5, bad is 1" if is_worded else ""
-    return Description(RATINGS, columns | optional, words=GRADES if note else {}, notes=(note,) if note else ())
+    grades = grades_in(seen.column(rating[0]).filled)
+    return with_people_alone(seen, Description(RATINGS, columns | optional, words=grades, notes=_noted(grades)))
 
 
 def find_wide_ratings(seen: Seen) -> Description | None:
@@ -105,21 +104,31 @@ def find_wide_ratings(seen: Seen) -> Description | None:
     rated = rated_columns(seen, told, who)
     if len(who) != 1 or len(rated) < FEWEST_RATED:
         return None
+    if seen.pairs and not told and not set(seen.pairs[0]) & set(rated):
+        return None  # two items in each row, and no column that is known to say which is preferred
     if len(told) < 2:
         _ask_if_something_else(seen, rated, who)
     (role,) = who
     stands = "condition" if role == "participant" else "participant"
     dataset = {"dataset": names} if (names := seen.one("dataset")) else {}
     note = f"a row for each {role}, a column for each of {len(rated)} {stands}s"
+    grades = grades_in(word for name in rated for word in seen.column(name).filled)
     return Description(
         RATINGS,
         who | dataset | seen.optional(("practice", "excluded"), names_in(who | dataset) | {*rated}),
         "wide",
         {name: (name,) for name in rated},
         stands,
+        grades,
         without=_summaries(seen, who[role], rated),
-        notes=(note,),
+        notes=(note, *_noted(grades)),
     )
+
+
+def _noted(grades: Mapping[str, float]) -> tuple[str, ...]:
+    """Say which grades words are."""
+    said = ", ".join(f"{word} is {grade:g}" for word, grade in sorted(grades.items(), key=lambda known: -known[1]))
+    return (f"words are grades: {said}",) if grades else ()
 
 
 def quietly(seen: Seen, role: str) -> tuple[str, ...]:
@@ -163,8 +172,8 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
     values = {value for name in rated for value in values_of(seen.column(name))}
     if len(values) == 2 and values <= {0.0, 1.0, 2.0} and len(seen.table) > 1:
         raise QuestionError(
-            f"the cells of {named(rated)} are only {' and '.join(f'{value:g}' for value in sorted(values))}: ratings, "
-            "or choices (name a column of choices by its pair, such as 'x vs y')",
+            f"the cells of {named(rated)} are only {' and '.join(f'{value:g}' for value in sorted(values))}: if these "
+            "are choices of one of two items, rename each column by its pair in the file, such as 'x vs y'",
             [Reading("ratings", Told(format="ratings"))],
         )
     if _are_ranks(seen, rated):

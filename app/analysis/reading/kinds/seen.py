@@ -16,12 +16,14 @@ from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import CHOICES, VotesError
 from app.analysis.reading.words import (
     ENDS,
+    INITIALS,
     MORE_ENDS,
     OWN_VOTES,
     ROLES,
     SUMMARIES,
     WEAK_RATINGS,
     ends_of,
+    has_grade,
     is_never,
     means,
     plain,
@@ -251,9 +253,12 @@ def rated_columns(seen: Seen, told: Sequence[str], who: Columns) -> list[str]:
 def columns_of_numbers(seen: Seen, taken: Iterable[str]) -> list[str]:
     """Return the columns of numbers that may be ratings by or of something."""
     others = {*taken, *seen.one("dataset")}
-    return [
-        name for name in seen.free if name not in others and not is_never(name) and _mostly_numbers(seen.column(name))
-    ]
+    may_be = [name for name in seen.free if name not in others and not is_never(name)]
+    numbers = [name for name in may_be if _mostly_numbers(seen.column(name))]
+    if len(numbers) >= FEWEST_RATED:
+        return numbers
+    graded = [name for name in may_be if (words := seen.column(name).filled) and all(map(has_grade, words))]
+    return graded if len(graded) >= FEWEST_RATED else numbers
 
 
 def _mostly_numbers(column: Column) -> bool:
@@ -262,6 +267,21 @@ def _mostly_numbers(column: Column) -> bool:
         return True
     is_number = column.meaning(lambda word: not math.isnan(number_or_nan(word)), bool)
     return bool(2 * is_number.sum() > column.meaning(bool, bool).sum())
+
+
+def with_people_alone(seen: Seen, description: Description) -> Description:
+    """Leave out the rows of a long table, or of one with pairs in columns, whose participant is a statistic."""
+    names = description.columns.get("participant", ())
+    if len(names) != 1 or names[0] in names_in(seen.given):
+        return description
+    column = seen.column(names[0])
+    rows = summaries(column)
+    if not rows or len(rows) == len(seen.table):
+        return description
+    if {plain(column.text(row)) for row in rows} <= INITIALS:
+        doubt = f"participants are called {named(sorted({column.text(row) for row in rows}))}: leave out statistics"
+        return replace(description, warnings=(*description.warnings, doubt))
+    return replace(description, without=rows)
 
 
 def summaries(column: Column) -> tuple[int, ...]:

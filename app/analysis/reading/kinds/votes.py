@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
-from app.analysis.reading.cells import Column, is_numeric, named, values_of
-from app.analysis.reading.choices import Asked, Meaning, binary_meaning, codes_of, grade_of, understand_choices
-from app.analysis.reading.description import VOTES, Description, QuestionError, Reading, Told
+import numpy as np
+
+from app.analysis.reading.cells import Column, is_numeric, named, number_or_nan, shown, values_of
+from app.analysis.reading.choices import (
+    Asked,
+    Meaning,
+    binary_meaning,
+    codes_of,
+    grade_of,
+    number_codes,
+    understand_choices,
+)
+from app.analysis.reading.description import JOIN, VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
     NOT_USED,
     WIDE_ROLES,
@@ -20,6 +31,7 @@ from app.analysis.reading.kinds.seen import (
     rating_of,
     says,
     summaries,
+    with_people_alone,
 )
 from app.analysis.reading.layouts import joined_column, rows_of
 from app.analysis.reading.votes_table import VotesError
@@ -27,6 +39,7 @@ from app.analysis.reading.words import (
     BINARY_CHOICES,
     COMMENTS,
     ENDS,
+    MOST_PLACES,
     MULTIPLE,
     OPTIONAL,
     PLACED,
@@ -39,7 +52,8 @@ from app.analysis.reading.words import (
 
 TO_MATCH = ("x", "stimulusx", "stimx", "samplex", "videox", "clipx", "imagex")
 MOST_TOTALS = 5  # rows of a matrix that are no item's
-MOST_PLACES = 3  # different places that an item may have
+LOSERS_FIRST = re.compile(r"^\W*(los(er|t|es|ing)|verlierer|perdant)", re.IGNORECASE)  # of a matrix
+FEWEST_DOUBTED = 3  # items of a matrix; two may well have won as often
 FEWEST_DASHED = 2  # columns named "x - y"; a single one may be anything
 
 
@@ -56,9 +70,26 @@ def find_matrix(seen: Seen) -> Description | None:
     items = [name for row, name in enumerate(first.texts) if row not in totals]
     if len(items) != len(spread) or len(items) < 2 or set(items) != {item for (item,) in spread.values()}:
         return None
+    if LOSERS_FIRST.search(names[0]):
+        raise VotesError(f"is a matrix of {shown(names[0])}, expected winners in rows: exchange its rows and columns")
     note = f"a matrix of win counts of {len(items)} items, of the row over the column"
     columns = {"item_a": (seen.table.names[0],)}
-    return Description(VOTES, columns, "matrix", spread, "condition", without=totals, notes=(note,))
+    doubts = _doubts_of_matrix(seen, [items.index(name) for name in spread], [*spread], totals)
+    return Description(VOTES, columns, "matrix", spread, "condition", without=totals, notes=(note,), warnings=doubts)
+
+
+def _doubts_of_matrix(seen: Seen, order: Sequence[int], names: Sequence[str], totals: Sequence[int]) -> tuple[str, ...]:
+    """Say why a matrix may be none of wins: it is the same both ways, or only one side of the diagonal is filled."""
+    columns = [np.delete(seen.column(name).meaning(number_or_nan, np.float64), totals) for name in names]
+    cells = np.nan_to_num(np.stack(columns, axis=1)[np.asarray(order)])
+    np.fill_diagonal(cells, 0)
+    if len(names) < FEWEST_DOUBTED or not cells.any():
+        return ()
+    if (cells == cells.T).all():
+        return ("the matrix is the same both ways: is it the number of comparisons rather than of wins?",)
+    if not np.triu(cells).any() or not np.tril(cells).any():
+        return ("only one side of the diagonal is filled: the other item of each pair is taken never to have won",)
+    return ()
 
 
 def find_wide_pairs(seen: Seen) -> Description | None:
@@ -127,18 +158,16 @@ def _names_items(column: Column, pair: Sequence[str]) -> bool:
 
 def with_meaning(seen: Seen, description: Description) -> Description:
     """Complete a description of votes with what its choices mean; grades make it one of comparisons."""
+    description = with_people_alone(seen, description)
     rows = rows_of(seen.table, description)
     choice, item_a, item_b = (rows.columns[name] for name in ("choice", "item_a", "item_b"))
     if seen.told.format == "ccr":
         return as_grades(description, choice)
     is_graded = is_numeric(choice) and any(value != int(value) or not -1 <= value <= 3 for value in values_of(choice))
     are_items = set(choice.filled) <= {*item_a.filled, *item_b.filled}
-    if is_graded and not are_items and not {"a", "b", "by"} & set(seen.told.choices):
-        raise QuestionError(
-            f"the choices {named(sorted(choice.filled)[:6])} are numbers",
-            [Reading("grades, how much better the second of two items is", Told(format="ccr"))],
-        )
-    name_a, name_b = (description.columns.get(role, (role,))[0] for role in ("item_a", "item_b"))
+    name_a, name_b = (JOIN.join(description.columns.get(role, (role,))) for role in ("item_a", "item_b"))
+    if is_graded and not are_items and not number_codes(choice) and not {"a", "b", "by"} & set(seen.told.choices):
+        raise _ask_whose_grades(description, choice, name_a, name_b)
     asked = Asked(
         choice,
         item_a,
@@ -154,6 +183,17 @@ def with_meaning(seen: Seen, description: Description) -> Description:
     return replace(
         description, words=dict(meaning.words), by_item=meaning.by_item, expected=meaning.expected, notes=notes
     )
+
+
+def _ask_whose_grades(description: Description, choice: Column, item_a: str, item_b: str) -> QuestionError:
+    about = f"the choices {named(sorted(choice.filled)[:6])} are numbers"
+    if description.layout != "rows":
+        return QuestionError(about, [Reading("grades, how much better the second item is", Told(format="ccr"))])
+    turned = Told(columns={"item_a": item_b, "item_b": item_a}, format="ccr")
+    better = "grades, how much better {} is than {}"
+    readings = [Reading(better.format(item_b, item_a), Told(format="ccr")),
+                Reading(better.format(item_a, item_b), turned)]  # fmt: skip
+    return QuestionError(about, readings)
 
 
 def _binary(seen: Seen, description: Description) -> Meaning | None:
@@ -185,7 +225,10 @@ def _ask_about_sides(seen: Seen, description: Description, asked: Asked, meaning
         holds_items = bool(column.filled) and set(column.filled) <= items
         if plain(name) in TO_MATCH and name not in used and holds_items:
             reading = Reading("answers say which of the two is preferred", Told(choices={"by": "side"}))
-            raise QuestionError(f"the column {name!r} may be what the two were to be compared with (ABX)", [reading])
+            raise QuestionError(
+                f"the column {name!r} may be what the two were to be compared with (ABX); matches are no preferences",
+                [reading],
+            )
         is_told = name in used and name not in description.columns.get("first_shown", ())
         if not speaks or is_told or not len(column.filled) > 1:
             continue

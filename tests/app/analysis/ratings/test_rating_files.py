@@ -102,7 +102,7 @@ def test_comparisons_are_known_by_their_columns(write: Write) -> None:
 @pytest.mark.parametrize(
     ("rows", "header", "says"),
     [
-        (["a,d,x,6"], HEADER, "row 1: rating is 6, expected 1 to 5 (another scale: --scale LOW:HIGH)"),
+        (["a,d,x,6"], HEADER, "row 1: rating is 6, expected 1 to 5 (another scale: --scale LOW:HIGH; a code"),
         (["a,d,x,3", "a,d,y,nan"], HEADER, "row 2: rating is empty"),
         (["a,d,x,"], HEADER, "row 1: rating is empty"),
         (["a,d,x,good"], HEADER, "row 1: rating is 'good', expected a number"),
