@@ -30,6 +30,7 @@ from recon.capture.checking.continuity import (
     frozen_cameras,
     glance_at,
     is_one_camera_twice,
+    is_reversed,
     level_ratios,
     unlike,
 )
@@ -210,19 +211,22 @@ def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> I
         if looks and None not in per_pixel:
             tolerance = MAX_APART_PX * max(value for value in per_pixel if value is not None)
             comparison = compared(first.sensor, second.sensor, [shared for shared, _ in looks], tolerance)
-            ratios = np.concatenate([ratios for _, ratios in looks])
-            yield replace(comparison, brightness=unlike(ratios, MAX_BRIGHTNESS) if comparison.is_known else None)
+            if comparison.is_known:
+                ratios = np.concatenate([ratios for _, ratios in looks])
+                brightness, are_reversed = unlike(ratios[:, 0], MAX_BRIGHTNESS), is_reversed(ratios[:, 4:])
+                comparison = replace(comparison, brightness=brightness, are_colours_reversed=are_reversed)
+            yield comparison
 
 
 def _look_between(
     folder: Path, streams: tuple[SensorStream, SensorStream], matches: tuple[Matches, Matches], frame: int
 ) -> tuple[Shared, NDArray[np.float64]]:
-    """Find the points that two sensors see, and how bright each is in the first's picture by the second's."""
+    """Find the points that two sensors see, and how they look in the first's picture beside the second's."""
     right, left = (
         read_picture(frame_pictures(folder, stream, frame)[side]) for stream, side in zip(streams, (1, 0), strict=True)
     )
     shared = fitting(streams[0].sensor, streams[1].sensor, shared_points(*matches, match_pictures(right, left)))
-    return shared, level_ratios(right, left, Matches(shared.first.right, shared.second.left))[:, 0]
+    return shared, level_ratios(right, left, Matches(shared.first.right, shared.second.left))
 
 
 def _look_through(folder: Path, draft: Draft) -> tuple[Glances, Silhouettes, list[str]]:

@@ -71,6 +71,7 @@ class Comparison:
     explanation : why points are apart, None if they are not, or nothing explains it
     brightness : of the points in the first sensor's pictures, as a multiple of that in the second's; None if it is
         alike, or too few tell
+    are_colours_reversed : whether what is red in one's pictures is blue in the other's
     """
 
     sensors: tuple[str, str]
@@ -79,6 +80,7 @@ class Comparison:
     tolerance_mm: float
     explanation: Explanation | None = None
     brightness: float | None = None
+    are_colours_reversed: bool = False
 
     @property
     def is_known(self) -> bool:
@@ -175,7 +177,7 @@ def unexplained(comparisons: Sequence[Comparison]) -> Iterator[str]:
 
 
 def unlike_exposures(comparisons: Sequence[Comparison]) -> Iterator[str]:
-    """Say one sentence for every two sensors that show the points which both see unlike bright."""
+    """Say in what light and colours two sensors show the points which both see unlike."""
     for comparison in comparisons:
         ratio = comparison.brightness
         if ratio is not None:
@@ -183,6 +185,12 @@ def unlike_exposures(comparisons: Sequence[Comparison]) -> Iterator[str]:
             yield (
                 f"the pictures of sensor {first} are {max(ratio, 1 / ratio):.2f} times as bright as those of sensor "
                 f"{second} at points that both see; use the same exposure and gain"
+            )
+        if comparison.are_colours_reversed:
+            first, second = comparison.sensors
+            yield (
+                f"what is red in the pictures of sensor {first} is blue in those of sensor {second}, at points that "
+                "both see: one's order of red, green and blue is reversed; write both alike"
             )
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import spearmanr
 
 from recon.capture.checking.matches import Matches
 from recon.capture.images import CaptureError, is_video, video_times
@@ -25,7 +26,9 @@ MAX_JUMP = 1.08  # of the brightness from a frame to the next
 MAX_UNLIKE = 2.0  # of a camera's brightness from that of the others: the object fills their pictures differently
 MIN_FRAMES_FOR_RATE = 4
 MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
-MAX_COLOUR = 1.2  # of a colour's share of it, either way: exchanged channels differ both ways
+MAX_COLOUR = 1.2  # of a colour's share of it, either way
+LOWEST_TINT = -0.5  # rank correlation of red by blue in two pictures; .94 to .99 in the studio's, less if exchanged
+FEWEST_TINTS = 20  # points
 COLOURS = ("red", "green", "blue")
 SURE = 2.6  # standard deviations of a number of heads, for 99 %
 
@@ -116,7 +119,8 @@ def level_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Mat
 
     Returns
     -------
-    float64 (N, 4), left by right, NaN where it is dark: brightness, then red, green and blue as shares of it
+    float64 (N, 6): brightness of left by right, then red, green and blue as shares of it, NaN where it is dark; last,
+    red by blue in left, and in right
     """
     levels = []
     for image, points in ((left, matches.left), (right, matches.right)):
@@ -126,7 +130,8 @@ def level_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Mat
         levels.append(smooth[rows, columns])
     ratios = levels[0] / np.where(np.minimum(*levels) > DARK_LEVELS, levels[1], np.nan)
     ratios[:, 1:] /= ratios[:, :1]
-    return np.asarray(ratios)
+    tints = [(level[:, 1] + 1) / (level[:, 3] + 1) for level in levels]
+    return np.asarray(np.column_stack([ratios, *tints]))
 
 
 def unlike(ratios: NDArray[np.float64], most: float) -> float | None:
@@ -142,24 +147,39 @@ def unlike(ratios: NDArray[np.float64], most: float) -> float | None:
     return float(np.median(ratios)) if low > most or high < 1 / most else None
 
 
+def is_reversed(tints: NDArray[np.float64]) -> bool:
+    """Tell whether what is red in one picture is blue in the other, by red by blue (N, 2) of points that both show.
+
+    Another white balance changes all points alike, and keeps their order; noise of what is grey has none.
+    """
+    is_coloured = len(tints) >= FEWEST_TINTS and np.ptp(tints, axis=0).all()
+    return bool(is_coloured and spearmanr(tints).statistic < LOWEST_TINT)
+
+
 def exposure_warnings(sensor_id: str, ratios: NDArray[np.float64]) -> Iterator[str]:
-    """Say that left and right are unlike bright or of other colours, by ratios (N, 4) of matches that agree."""
+    """Say that left and right are unlike bright or of other colours, by ratios (N, 6) of matches that agree."""
     ratio = unlike(ratios[:, 0], MAX_LEFT_TO_RIGHT)
     if ratio is not None:
         yield (
             f"sensor {sensor_id}: the left pictures are {ratio:.2f} times as bright as the right ones at matched "
             "points; use the same exposure and gain"
         )
+    if is_reversed(ratios[:, 4:]):
+        yield (
+            f"sensor {sensor_id}: what is red in the left pictures is blue in the right ones: one camera's order of "
+            "red, green and blue is reversed; write both alike"
+        )
+        return
     apart = {
         colour: ratio
-        for colour, column in zip(COLOURS, ratios.T[1:], strict=True)
+        for colour, column in zip(COLOURS, ratios.T[1:4], strict=True)
         if (ratio := unlike(np.maximum(column, 1 / column), MAX_COLOUR)) is not None
     }
     if apart:
         told = " and ".join(f"{ratio:.2f} times in {colour}" for colour, ratio in apart.items())
         yield (
             f"sensor {sensor_id}: for their brightness, matched points differ {told} between the left and the right "
-            "pictures (median); use the same white balance, and one order of red, green and blue"
+            "pictures (median); use the same white balance"
         )
 
 

@@ -62,7 +62,7 @@ class _Look:
     frame : its number
     rectified : matches of the rectified pair, within the masks or bounds
     matches : of the pictures as recorded
-    left_to_right : (M, 4) ratios of brightness and of its colours at the matches, NaN where it is dark
+    left_to_right : (M, 6) of `level_ratios` at the matches
     textured : share of the area; None if there is none
     inside : share of the left mask that lies within the bounds; None without a mask, or if it is empty
     white : share of the area with two channels at the top, of the picture with more; None if there is no area
@@ -148,7 +148,7 @@ def _with_pair(
     looks = [look for look in shots if look.frame not in swapped]
     matched = joined([look.matches for look in looks])
     agree = agreeing_with_each_other(stream.sensor, matched)
-    ratios = np.concatenate([np.zeros((0, 4)), *(look.left_to_right for look in looks)])
+    ratios = np.concatenate([np.zeros((0, 6)), *(look.left_to_right for look in looks)])
     matches = matched[agree]
     agreement = Agreement(len(matches), len(matched))
     rows = _rows(joined([look.rectified for look in looks]), rectification)

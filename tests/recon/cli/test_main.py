@@ -76,13 +76,13 @@ def test_a_url_is_refused_where_paths_of_this_machine_are_expected(
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("fuse x -o y --voxel -1", "voxel is -1.0, expected a positive number"),
-        ("reconstruct x -o y --voxel 0", "voxel is 0.0, expected a positive number"),
-        ("validate object a b -o c --trim 0", "trim is 0.0, expected a positive number up to 1"),
+        ("fuse x -o y --voxel -1", "'--voxel': -1.0, expected a positive number"),
+        ("reconstruct x -o y --voxel 0", "'--voxel': 0.0, expected a positive number"),
+        ("validate object a b -o c --trim 0", "'--trim': 0.0, expected a positive number up to 1"),
         ("validate object a b -o c --trim 2", "'--trim': '2', expected a number of at most 1"),
-        ("validate cloud a --reference b -o c --peak -1", "peak is -1.0, expected a positive number"),
-        ("validate cloud a --reference b -o c --density 0", "density is 0.0, expected a positive number"),
-        ("capture synth x --fps 0", "fps is 0.0, expected a positive number"),
+        ("validate cloud a --reference b -o c --peak -1", "'--peak': -1.0, expected a positive number"),
+        ("validate cloud a --reference b -o c --density 0", "'--density': 0.0, expected a positive number"),
+        ("capture synth x --fps 0", "'--fps': 0.0, expected a positive number"),
     ],
 )
 def test_a_number_that_nothing_can_be_made_with_is_refused_by_its_flag(

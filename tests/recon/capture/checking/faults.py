@@ -190,6 +190,11 @@ FAULTS = (
         f"{FAULTY}: .*lenses is right {UNCHECKED}",
     ),
     Fault("unrelated pictures", lambda capture: _repaint(capture, _unrelated, (1,)), "S2.*(could not be checked)"),
+    Fault(
+        "colours in another order",
+        lambda capture: _repaint(capture, lambda picture, _: picture[..., ::-1], (1,)),
+        "sensor S2: what is red in the left pictures is blue",
+    ),
     Fault("overexposed", lambda capture: _repaint(capture, _overexposed), "S2.*(bright|exposed|texture)"),
     Fault(
         "masks of a sensor missing",

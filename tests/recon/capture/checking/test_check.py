@@ -69,7 +69,7 @@ def test_everything_wrong_is_listed_in_one_go(board: Capture) -> None:
     small = image_path(board.folder, board.sensors[1].right.image, 1)
     cv2.imwrite(str(small), np.zeros((60, 80, 3), dtype=np.uint8))
     problems = check_capture(board.folder).problems
-    expected = ["kind is 'film'", "baseline is 0 mm", f"{missing}: there is no", f"{cut}: is not", f"{small}: is 80x60"]
+    expected = ["kind is 'film'", "baseline is 0 mm", f"{missing}: there is no", f"{cut}: is cut off after 500", f"{small}: is 80x60"]
     assert len(problems) == len(expected)
     for part in expected:
         assert sum(part in problem for problem in problems) == 1, part
@@ -290,10 +290,36 @@ def test_colours_of_another_white_balance_or_order_are_named_and_those_of_noise_
         return list(exposure_warnings("S1", level_ratios(picture, other, Matches(places, places))))
 
     assert told(noisy) == []
-    for other in (noisy[..., ::-1], np.rint(noisy * (1.0, 1.0, 0.7)).astype(np.uint8)):
-        (sentence,) = told(np.ascontiguousarray(other))
-        assert sentence.startswith("sensor S1: for their brightness, matched points differ 1.")
-        assert "in blue between the left and the right pictures" in sentence
+    (sentence,) = told(np.rint(noisy * (1.0, 1.0, 0.7)).astype(np.uint8))
+    assert sentence.startswith("sensor S1: for their brightness, matched points differ 1.")
+    assert "in blue between the left and the right pictures" in sentence
+    (sentence,) = told(np.ascontiguousarray(noisy[..., ::-1]))
+    assert "what is red in the left pictures is blue in the right ones" in sentence
+
+
+def test_pale_colours_in_another_order_are_named_and_grey_is_not() -> None:
+    rng = np.random.default_rng(1)
+    grey = cv2.resize(rng.integers(60, 200, (12, 16, 1), np.uint8), (320, 240))[..., None]
+    tint = cv2.resize(rng.normal(1.0, 0.06, (12, 16, 3)), (320, 240))
+    places = rng.uniform(10, 230, (80, 2))
+
+    def told(picture: np.ndarray, order: int) -> list[str]:
+        left, right = (np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8) for _ in range(2))
+        levels = level_ratios(left, np.ascontiguousarray(right[..., ::order]), Matches(places, places))
+        return list(exposure_warnings("S1", levels))
+
+    assert [told(grey * tint, 1), told(grey * np.ones(3), 1), told(grey * np.ones(3), -1)] == [[], [], []]
+    alike = level_ratios(plain := np.full((240, 320, 3), 90, np.uint8), plain, Matches(places, places))
+    assert list(exposure_warnings("S1", alike)) == []
+    assert ["order of red, green and blue is reversed" in sentence for sentence in told(grey * tint, -1)] == [True]
+
+
+@pytest.mark.slow
+def test_a_sensor_that_shows_red_as_blue_is_named_beside_another(board: Capture) -> None:
+    for path in (board.folder / "S2").rglob("*.png"):
+        cv2.imwrite(str(path), cv2.imread(str(path))[..., ::-1])
+    warnings = check_capture(board.folder).warnings
+    assert any("what is red in the pictures of sensor S1 is blue in those of sensor S2" in told for told in warnings)
 
 
 @pytest.mark.slow
