@@ -69,7 +69,13 @@ def test_everything_wrong_is_listed_in_one_go(board: Capture) -> None:
     small = image_path(board.folder, board.sensors[1].right.image, 1)
     cv2.imwrite(str(small), np.zeros((60, 80, 3), dtype=np.uint8))
     problems = check_capture(board.folder).problems
-    expected = ["kind is 'film'", "baseline is 0 mm", f"{missing}: there is no", f"{cut}: is cut off after 500", f"{small}: is 80x60"]
+    expected = [
+        "kind is 'film'",
+        "baseline is 0 mm",
+        f"{missing}: there is no",
+        f"{cut}: is cut off after 500",
+        f"{small}: is 80x60",
+    ]
     assert len(problems) == len(expected)
     for part in expected:
         assert sum(part in problem for problem in problems) == 1, part
