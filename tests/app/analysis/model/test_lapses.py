@@ -90,6 +90,14 @@ def test_two_camps_are_not_taken_for_careless_people() -> None:
     assert "whose opinions differ rather" in why
 
 
+def test_somebody_without_a_preference_has_no_rate_where_ties_are_dropped() -> None:
+    votes = votes_with(0)
+    none = np.where(votes.participant == 3, NONE, votes.choice).astype(np.int8)
+    analysis = analyse(VotesTable(**{**vars(votes), "choice": none}), AnalysisSettings(ties="drop", lapses=True))
+    others = [name for name in votes.participants if name != "3"]
+    assert [row["participant"] for row in analysis["lapse_rates"]] == others
+
+
 def test_an_analysis_has_them_where_they_are_asked_for() -> None:
     votes = votes_with(2)
     assert analyse(votes, AnalysisSettings(by_dataset=False))["lapse_scores"] == []
