@@ -163,7 +163,7 @@ def fitted_together(votes: Array) -> Fitted:
     ----------
     votes : float64 (R, J, 3, C), of every pair of n items
     """
-    has_tie = votes[:, :, 2].any(axis=(1, 2))  # a study without a tie has no tie parameter
+    has_tie = np.asarray(votes[:, :, 2].any(axis=(1, 2)))  # a study without a tie has no tie parameter
     kinds = np.flatnonzero(has_tie), np.flatnonzero(~has_tie)
     parts = [_fitted(votes[rows], has_tie=bool(has_tie[rows[0]])) for rows in kinds if len(rows)]
     back = np.argsort(np.concatenate(kinds))
