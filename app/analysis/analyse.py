@@ -91,7 +91,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "scores": _score_rows(compared, settings),
         "scores_with_excluded": _scores_with_excluded(votes, used, settings),
         "models": [model_row(comparison) for comparison in compared],
-        "tie_models": [row for comparison in compared for row in tie_model_rows(comparison)],
+        "tie_models": [row for comparison in compared for row in tie_model_rows(comparison, settings.penalty)],
         "contrasts": _contrast_rows(compared, settings),
         **_island_tables(compared, settings),
         "effects": effects,
@@ -183,7 +183,7 @@ def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[Gro
 
 def _island_tables(compared: Sequence[Comparison], settings: AnalysisSettings) -> dict[str, list[dict[str, Any]]]:
     """Return scores and contrasts within groups of conditions that no vote links."""
-    parts = [island_rows(comparison, settings.jod_prior) for comparison in compared]
+    parts = [island_rows(comparison, settings) for comparison in compared]
     return {
         "island_scores": [row for scores, _ in parts for row in scores],
         "island_contrasts": [row for _, contrasts in parts for row in contrasts],

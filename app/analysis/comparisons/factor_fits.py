@@ -77,7 +77,8 @@ def factor_fits(
         tests.append(_datasets_test(model, parts))
     tests.append(_datasets_test("additive", additive))
     effects = effects_of({dataset: part.fit for dataset, part in additive.items()}, settings.factors)
-    rows = [asdict(effect) | {"scope": _scope(effect.dataset, len(additive) - 1)} for effect in effects]
+    n_datasets = len(np.unique(additive[ALL].votes.dataset)) if ALL in additive else 0
+    rows = [asdict(effect) | {"scope": _scope(effect.dataset, n_datasets)} for effect in effects]
     return rows, [test for test in tests if test is not None], additive
 
 

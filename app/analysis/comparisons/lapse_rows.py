@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from app.analysis.comparisons.comparison import Comparison
 from app.analysis.model.lapses import fit_lapses
 from app.analysis.reading.votes_table import ALL
@@ -36,7 +34,7 @@ def lapse_tables(compared: Sequence[Comparison]) -> tuple[dict[str, list[dict[st
             dict(zip(("item", "score", "se", "ci_low", "ci_high"), numbers, strict=True))
             for numbers in zip(row.fit.items, *columns, strict=True)
         ]
-        people = [row.votes.participants[index] for index in np.unique(row.votes.participant)]
+        people = [row.votes.participants[index] for index in lapses.people]
         tables["lapse_rates"] = [
             {"participant": name, "lapse_rate": rate} for name, rate in zip(people, lapses.rates.tolist(), strict=True)
         ]

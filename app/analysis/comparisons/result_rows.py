@@ -21,6 +21,7 @@ from app.analysis.model.quasi_variances import quasi_errors
 from app.analysis.model.ranks import best_probabilities, rank_intervals
 from app.analysis.model.scales import LOG_ODDS_PER_JOD, equivalence_columns, preference_columns
 from app.analysis.model.separation import votes_within_groups
+from app.analysis.model.settings import AnalysisSettings
 from app.analysis.model.thurstone import JOD, fit_thurstone
 from app.analysis.reading.votes_table import ALL, NONE, VotesTable
 from app.analysis.screening.triads import Triads, by_participant, pooled_p_value
@@ -188,10 +189,10 @@ def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Arra
     The method is expanded percentiles of the participant bootstrap if there are enough replicates and participants;
     else t(J - 1) on the errors clustered by participant, but with few participants no narrower than the normal
     distribution on the errors of the votes; else, where participants are unknown, the normal distribution on the errors
-    from the information. There is no interval where participants are known but their variation is not: a single
-    participant, all voting alike, or no maximum.
+    from the information. There is no interval without a maximum, and none where participants are known but their
+    variation is not: a single participant, or all voting alike.
     """
-    if fit.scores is None or fit.covariance is None:
+    if fit.status != "ok" or fit.scores is None or fit.covariance is None:
         return None, None, None
     is_few, do_people_differ = has_few_participants(fit), fit.participant_covariance is not None
     n_people = fit.n_participants or 0
@@ -248,36 +249,37 @@ def contrast_rows(
         yield where | vars(row) | {"p_holm_together": p_together} | scales[0] | scales[1]
 
 
-def islands(comparison: Comparison) -> list[Comparison]:
+def islands(comparison: Comparison, penalty: str) -> list[Comparison]:
     """Return the comparisons within each group of conditions, if no vote links the groups; else none."""
     fit = comparison.fit
     if fit.status != "disconnected" or len(fit.groups) < 2:
         return []
-    order = fit.design.has_order
     return [
         Comparison(
-            comparison.comparison, comparison.dataset, part, fit_scores(part, ties=fit.ties, order_effect=order), None
+            comparison.comparison, comparison.dataset, part, fit_scores(part, ties=fit.ties, penalty=penalty), None
         )
         for part in votes_within_groups(fit, comparison.votes)
     ]
 
 
-def island_rows(comparison: Comparison, jod_prior: str) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def island_rows(
+    comparison: Comparison, settings: AnalysisSettings
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Return scores and contrasts within each group of conditions that no vote links to the others.
 
     Parameters
     ----------
     comparison : Comparison
-    jod_prior : as in the settings
+    settings : penalty, prior and margin
     """
     scores, contrasts = list[dict[str, Any]](), list[dict[str, Any]]()
-    for number, part in enumerate(islands(comparison), 1):
-        scores += [{"group": number, **row} for row in score_rows(part, jod_prior)]
-        contrasts += [{"group": number, **row} for row in contrast_rows(part)]
+    for number, part in enumerate(islands(comparison, settings.penalty), 1):
+        scores += [{"group": number, **row} for row in score_rows(part, settings.jod_prior)]
+        contrasts += [{"group": number, **row} for row in contrast_rows(part, settings.equivalence_margin)]
     return scores, contrasts
 
 
-def tie_model_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
+def tie_model_rows(comparison: Comparison, penalty: str) -> Iterator[dict[str, Any]]:
     """Return the log-likelihoods of all ways of treating ties; only Davidson's and Rao and Kupper's compare."""
     if comparison.comparison != ALL or not (comparison.votes.choice == NONE).any():
         return
@@ -285,7 +287,7 @@ def tie_model_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
         fit = (
             comparison.fit
             if ties == comparison.fit.ties
-            else fit_pairs(comparison.votes, ties=ties, order_effect=comparison.fit.design.has_order)
+            else fit_pairs(comparison.votes, ties=ties, order_effect=comparison.fit.design.has_order, penalty=penalty)
         )
         yield {
             "dataset": comparison.dataset,

@@ -18,7 +18,7 @@ from app.analysis.model.contrasts import FEWEST_PARTICIPANTS
 from app.analysis.model.likelihood.counts import PairCounts
 from app.analysis.model.likelihood.newton import Design, Search, maximise
 from app.analysis.model.likelihood.participant_errors import ALIKE
-from app.analysis.model.likelihood.ties import TIE_MODELS
+from app.analysis.model.likelihood.ties import TIE_MODELS, WITHOUT_TIES
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
 from app.study.planning import TYPICAL_SPREAD, TYPICAL_TIE_RATE
 
@@ -163,17 +163,29 @@ def fitted_together(votes: Array) -> Fitted:
     ----------
     votes : float64 (R, J, 3, C), of every pair of n items
     """
+    has_tie = np.asarray(votes[:, :, 2].any(axis=(1, 2)))  # a study without a tie has no tie parameter
+    kinds = np.flatnonzero(has_tie), np.flatnonzero(~has_tie)
+    parts = [_fitted(votes[rows], has_tie=bool(has_tie[rows[0]])) for rows in kinds if len(rows)]
+    back = np.argsort(np.concatenate(kinds))
+    return Fitted(
+        *(np.concatenate(columns)[back] for columns in zip(*(vars(part).values() for part in parts), strict=True))
+    )
+
+
+def _fitted(votes: Array, *, has_tie: bool) -> Fitted:
+    """Fit the scores of studies that all have ties, or all have none."""
     n_studies, n_people, _, n_pairs = votes.shape
+    model = DAVIDSON if has_tie else WITHOUT_TIES
     n = round((1 + np.sqrt(1 + 8 * n_pairs)) / 2)
     low, high = np.triu_indices(n, 1)
     nothing = np.zeros(n_pairs)
-    design = Design(PairCounts(n, low, high, nothing, nothing, nothing), DAVIDSON, bool(votes[:, :, 2].any()))
+    design = Design(PairCounts(n, low, high, nothing, nothing, nothing), model, has_tie)
     table = votes.sum(axis=1)
     maximum = maximise(design, *(table[:, kind] for kind in range(3)), search=Search(runaway=RUNAWAY))
     d, t = design.predictors(np.where(maximum.converged[:, None], maximum.theta, 0.0))
-    information = design.information(DAVIDSON.derivatives(d, t, *(table[:, kind] for kind in range(3))))
+    information = design.information(model.derivatives(d, t, *(table[:, kind] for kind in range(3))))
     inverse = np.asarray(np.linalg.pinv(information, hermitian=True), np.float64)
-    by_person = DAVIDSON.derivatives(d[:, None], t[:, None], *(votes[:, :, kind] for kind in range(3)))
+    by_person = model.derivatives(d[:, None], t[:, None], *(votes[:, :, kind] for kind in range(3)))
     slopes = np.broadcast_to(by_person.d, (n_studies, n_people, n_pairs))
     gradients = [slopes @ design.incidence.toarray()]
     if design.has_tie:
@@ -186,8 +198,8 @@ def fitted_together(votes: Array) -> Fitted:
 def contrast_p_values(fitted: Fitted, votes: Array, directions: Array) -> Array:
     """Return two-sided p-values of contrasts as the report's tests give them, float64 (R, K).
 
-    With fewer than twelve participants they are no surer than the votes. A study without a maximum has sign tests over
-    participants of the pairs.
+    With few participants, as `has_few_participants` tells, they are no surer than the votes. A study without a maximum
+    has sign tests over participants of the pairs.
 
     Parameters
     ----------
@@ -203,8 +215,10 @@ def contrast_p_values(fitted: Fitted, votes: Array, directions: Array) -> Array:
     )
     is_alike = clustered**2 <= ALIKE * naive**2
     p_value = 2 * student.sf(np.abs(value) / np.where(is_alike, 1.0, clustered), n_people - 1)
-    if n_people < FEWEST_PARTICIPANTS:
-        p_value = np.maximum(p_value, 2 * norm.sf(np.abs(value) / np.where(naive > 0, naive, 1.0)))
+    n_free = fitted.scores.shape[1] - 1 + votes[:, :, 2].any(axis=(1, 2))
+    is_few = (n_people < FEWEST_PARTICIPANTS) | (n_people <= n_free)
+    of_votes = 2 * norm.sf(np.abs(value) / np.where(naive > 0, naive, 1.0))
+    p_value = np.where(is_few[:, None], np.maximum(p_value, of_votes), p_value)
     p_value = np.where(is_alike, 1.0, p_value)
     return np.where(fitted.is_there[:, None], p_value, _sign_tests(votes, directions))
 

@@ -37,13 +37,14 @@ class Lapses:
     ----------
     scores, errors : float64 (n,), log-odds; the errors by the jackknife over participants
     half : float64 (n,), half the width of the 95 % intervals, t(J - 1)
-    rates : float64 (J,), the lapse rate of each participant with votes, in their order in the table; mean of what is
-        likely given the votes
+    people : intp (J,), the participants with votes that count, by their place in the table
+    rates : float64 (J,), the lapse rate of each of them; mean of what is likely given the votes
     """
 
     scores: Array
     errors: Array
     half: Array
+    people: NDArray[np.intp]
     rates: Array
 
 
@@ -60,14 +61,14 @@ def fit_lapses(fit: Fit, votes: VotesTable) -> Lapses | str:
     Lapse rates as in psychophysics: Wichmann and Hill (2001); distribution of the rates by nonparametric maximum
     likelihood: Laird (1978).
     """
-    if not votes.has_participants or votes.n_voters < FEWEST_PEOPLE:
-        return f"they need {FEWEST_PEOPLE} participants or more"
     if fit.status != "ok" or fit.theta is None or fit.design.levels is not None:
         return "the scores have no finite estimate"
     counts = participant_counts(fit, votes).astype(np.float64).reshape(len(votes.participants), 3, -1)
     mine = np.stack(TIE_MODELS[fit.ties].counted(*np.moveaxis(counts, 1, 0)), axis=1)  # (J, 3, C)
-    mine = mine[mine.any(axis=(1, 2))]
-    n_people = len(mine)
+    people = np.flatnonzero(mine.any(axis=(1, 2)))
+    mine, n_people = mine[people], len(people)
+    if n_people < FEWEST_PEOPLE:
+        return f"they need {FEWEST_PEOPLE} participants or more"
     n_groups = min(n_people, MOST_GROUPS)
     group = np.arange(n_people) * n_groups // n_people
     kept = np.vstack([np.ones(n_people), np.arange(n_groups)[:, None] != group])  # everybody, then without a group
@@ -80,7 +81,7 @@ def fit_lapses(fit: Fit, votes: VotesTable) -> Lapses | str:
     n = fit.design.n_effects
     without = theta[1:, :n]
     errors = np.sqrt((n_groups - 1) / n_groups * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
-    return Lapses(theta[0, :n], errors, critical_value(n_groups) * errors, rates)
+    return Lapses(theta[0, :n], errors, critical_value(n_groups) * errors, people, rates)
 
 
 def _maximum(fit: Fit, mine: Array, kept: Array) -> tuple[Array, Array]:

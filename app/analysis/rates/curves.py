@@ -73,7 +73,7 @@ def best_at_their_size(sizes: Sequence[float], scores: Sequence[float]) -> list[
 
 
 def curve_of(items: Sequence[int], sizes: Sequence[float]) -> Curve | None:
-    """Return the curve of a method's conditions, None where there are less than two sizes.
+    """Return the curve of a method's conditions, None where there are less than two sizes, or one of two conditions.
 
     Parameters
     ----------

@@ -114,15 +114,15 @@ def _differences(comparison: Comparison, curves: Mapping[str, Curve]) -> Iterato
 def _interval(estimates: Estimates, weights: Array, bootstrap: Bootstrap | None) -> tuple[float, float] | None:
     """Return the 95 % interval of a weighted sum of scores: of other participants, where they are known."""
     n = len(estimates.names)
-    people = estimates.n_participants
-    if bootstrap is not None and people is not None and bootstrap.has_percentiles(people):
+    people, clustered = estimates.n_participants, estimates.participant_covariance
+    has_sample = bootstrap is not None and clustered is not None and not estimates.is_few
+    if has_sample and bootstrap is not None and people is not None and bootstrap.has_percentiles(people):
         low, high = Bootstrap(bootstrap.scores @ weights[:, None], bootstrap.kept).interval(people)[:, 0]
         return float(low), float(high)
 
     def variance(covariance: Array) -> Array:
         return np.array([[weights @ covariance[:n, :n] @ weights]])
 
-    clustered = estimates.participant_covariance
     summed = Estimates(
         ("difference",),
         np.array([weights @ estimates.values]),
@@ -148,4 +148,5 @@ def _sizes_on(sizes: Mapping[str, Mapping[str, float]], dataset: str) -> dict[st
         for item, size in by_item.items():
             if size > 0:
                 logs.setdefault(item, []).append(float(np.log(size)))
-    return everywhere | {item: float(np.exp(np.mean(values))) for item, values in logs.items()}
+    means = {item: float(np.exp(np.mean(values))) for item, values in logs.items() if len(values) == len(single)}
+    return everywhere | means

@@ -23,6 +23,7 @@ CAMPS = 0.01  # level of their test; its null is a normal distribution, which op
 SMALLEST_CAMP = 0.15  # share of the participants; fewer are outliers, no camp
 FEWEST_PEOPLE = 8  # fewer cannot be told to form camps
 MOST_ITEMS = 60
+ROUNDING = 1e-9  # of a sum of squares
 ALPHA = ("alpha", "alpha_low", "alpha_high")
 
 
@@ -135,8 +136,8 @@ def heterogeneity(votes: VotesTable, *, by_order: bool = False) -> dict[str, Any
     order = np.argsort(cell, kind="stable")
     ordered, cell, who = compared.where(order), cell[order], who[order]
     value = _signs(ordered) * ordered.count
-    n_cells = int(cell[-1]) + 1
-    value = value - (np.bincount(cell, value) / np.bincount(cell))[cell]
+    sizes = np.bincount(cell)
+    value = value - (np.bincount(cell, value) / sizes)[cell]
     n = len(compared.items)
     low, high = np.minimum(ordered.item_a, ordered.item_b), np.maximum(ordered.item_a, ordered.item_b)
     first, second = who * n + low, who * n + high
@@ -148,14 +149,14 @@ def heterogeneity(votes: VotesTable, *, by_order: bool = False) -> dict[str, Any
     rng = np.random.default_rng(len(votes))
     observed = balances(value)
     statistic = float(np.sum(observed**2))
-    if len(value) == n_cells * len(people):  # everybody voted once on every pair
-        shuffled = (rng.permuted(value.reshape(n_cells, -1), axis=1).ravel() for _ in range(n_permuted))
+    if (sizes == sizes[0]).all():
+        shuffled = (rng.permuted(value.reshape(len(sizes), -1), axis=1).ravel() for _ in range(n_permuted))
     else:
         shuffled = (value[np.argsort(cell + rng.random(len(cell)))] for _ in range(n_permuted))
     by_chance = np.array([np.sum(balances(values) ** 2) for values in shuffled])
-    if not by_chance.any():
+    if by_chance.max() < ROUNDING:
         return None
-    p_value = (1 + np.count_nonzero(by_chance >= statistic - 1e-9)) / (n_permuted + 1)
+    p_value = (1 + np.count_nonzero(by_chance >= statistic - ROUNDING)) / (n_permuted + 1)
     names = [compared.participants[index] for index in people]
     camps = find_camps(observed, names, compared.items, rng) if p_value < SIGNIFICANT else None
     if camps is not None and not all(_has_taste(compared, part) for part in camps["participants"]):

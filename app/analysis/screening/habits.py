@@ -119,13 +119,10 @@ def of_speed(
     known = votes.response_ms > 0
     if n_people < 5 or not known.any():
         return None
-    logs = np.log(np.where(known, votes.response_ms, 1.0))
-    medians = np.array(
-        [
-            np.median(logs[known & (who == person)]) if (known & (who == person)).any() else np.nan
-            for person in range(n_people)
-        ]
-    )
+    order = np.argsort(who[known], kind="stable")
+    ends = np.cumsum(np.bincount(who[known], minlength=n_people))
+    logs = np.split(np.log(votes.response_ms[known])[order], ends[:-1])  # of each person
+    medians = np.array([np.median(times) if len(times) else np.nan for times in logs])
     there = kept & ~np.isnan(medians)
     if there.sum() < 5:
         return None

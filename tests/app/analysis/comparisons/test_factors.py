@@ -17,6 +17,8 @@ from scipy.stats import f as f_distribution
 from scipy.stats import ttest_1samp
 
 from app.analysis import AnalysisSettings, analyse
+from app.analysis.comparisons.comparison import compare
+from app.analysis.comparisons.factor_fits import factor_results
 from app.analysis.comparisons.factors import coding, votes_on_factor, wald_p_value
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import Contrast, contrasts, holm, letters
@@ -115,6 +117,22 @@ def test_additive_and_interaction_models_have_the_reference_values(real_data: Pa
     (differ,) = [row for row in analysis["tests"] if (row["name"], row["model"]) == ("datasets differ", "additive")]
     assert differ["g2"] == pytest.approx(expected["LRT_dataset_heterogeneity_additive"]["G2"], abs=1e-5)
     assert differ["df"] == 16
+
+
+def test_an_effect_over_all_names_all_datasets_that_it_is_made_of() -> None:
+    """On one of three datasets everybody decides alike, so that it has no effects of its own."""
+    rng = np.random.default_rng(1)
+    rows = [
+        {"participant": f"p{person}", "dataset": dataset, "item_a": a, "item_b": b, "choice": choice}
+        for person in range(6)
+        for dataset in ("ball", "box", "clear")
+        for a, b in combinations(ITEMS, 2)
+        for choice in ("a" if dataset == "clear" else rng.choice(["a", "b"]),)
+    ]
+    votes, settings = votes_from_rows(rows), AnalysisSettings(factors=FACTORS, analysed_factors=())
+    effects, _ = factor_results(votes, settings, list(compare(votes, settings)))
+    scopes = {row["dataset"]: row["scope"] for row in effects}
+    assert scopes == {"ball": "dataset ball", "box": "dataset box", "all": "these 3 datasets"}
 
 
 def test_an_interaction_on_which_all_voted_alike_says_nothing_about_other_people() -> None:

@@ -24,7 +24,7 @@ from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import contrasts
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.ratings.planning import RatingPlan, plan_ratings
-from app.analysis.reading.votes_table import votes_from_indices
+from app.analysis.reading.votes_table import VotesTable, votes_from_indices
 from app.study.planning import CLAIMS, Claim
 
 
@@ -117,23 +117,46 @@ def test_a_claim_of_nothing_is_made_as_often_as_its_level_says(claim: Claim) -> 
     assert power(StudyPlan(6, 5, 22, dataset_spread=0.0), 1e-9, 3, 300, claim=claim) < 0.09
 
 
+def as_table(study: np.ndarray) -> VotesTable:
+    """The votes of a simulated study, (J, D, 3, C) of all pairs of a, b, c, …"""
+    j, d, kind, pair = (part.ravel() for part in np.indices(study.shape))
+    n = round((1 + np.sqrt(1 + 8 * study.shape[3])) / 2)
+    cast, (low, high) = study.ravel() > 0, np.triu_indices(n, 1)
+    names = tuple(map(str, range(len(study)))), tuple("wxyz"[: study.shape[1]]), tuple("abcdefghijklmno"[:n])
+    return votes_from_indices(
+        j[cast], d[cast], low[pair[cast]], high[pair[cast]], kind[cast].astype(np.int8), names=names
+    )
+
+
 def test_batches_have_the_p_values_of_the_analysis() -> None:
     plan = StudyPlan(4, 4, 14, dataset_spread=0.4)
     votes = simulated_votes(plan, np.array([0.6, 0.0, -0.2, -0.4]), 3, np.random.default_rng(1))
     together = VoteStudies(votes)
     batch = zip(votes, together.p_values(pair_directions(4)), together.p_over_datasets(), strict=True)
     for study, of_batch, over_datasets in batch:
-        j, d, kind, pair = (part.ravel() for part in np.indices(study.shape))
-        cast = study.ravel() > 0
-        low, high = np.triu_indices(4, 1)
-        names = tuple(map(str, range(14))), tuple("wxyz"), tuple("abcd")
-        table = votes_from_indices(
-            j[cast], d[cast], low[pair[cast]], high[pair[cast]], kind[cast].astype(np.int8), names=names
-        )
+        table = as_table(study)
         alone = [row.p_value for row in contrasts(fit_scores(table))]
         np.testing.assert_allclose(of_batch, alone, rtol=1e-6, atol=1e-12)
         sampled, _ = pair_p_values(list(compare(table, AnalysisSettings())))["a", "b"]
         assert max(over_datasets, of_batch[0]) == pytest.approx(sampled, rel=1e-6)
+
+
+def test_studies_in_which_nobody_has_a_tie_have_the_p_values_of_the_analysis() -> None:
+    plan = StudyPlan(3, 1, 10, tie_rate=0.05)
+    simulated = simulated_votes(plan, np.array([0.4, 0.0, -0.4]), 30, np.random.default_rng(2))
+    has_tie = simulated[..., 2, :].any(axis=(1, 2, 3))
+    assert 0 < has_tie.sum() < 30
+    p_values = VoteStudies(simulated).p_values(pair_directions(3))
+    for study, of_batch in zip(simulated, p_values, strict=True):
+        fit = fit_scores(as_table(study))
+        if fit.status == "ok":
+            assert of_batch == pytest.approx([row.p_value for row in contrasts(fit)], rel=1e-5)
+
+
+def test_people_who_are_no_more_than_the_parameters_are_few_in_batches_too() -> None:
+    simulated = simulated_votes(StudyPlan(14, 1, 13), np.linspace(-0.5, 0.5, 14), 1, np.random.default_rng(1))
+    alone = [row.p_value for row in contrasts(fit_scores(as_table(simulated[0])))]
+    assert VoteStudies(simulated).p_values(pair_directions(14))[0] == pytest.approx(alone, rel=1e-5)
 
 
 def test_people_who_drop_out_or_click_cost_power() -> None:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from app.analysis import AnalysisSettings, VotesTable, analyse
+from app.analysis.comparisons.comparison import compare
+from app.analysis.comparisons.lapse_rows import lapse_tables
 from app.analysis.comparisons.power import simulate_votes
 from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.model.bradley_terry import fit_scores
@@ -88,6 +90,15 @@ def test_two_camps_are_not_taken_for_careless_people() -> None:
     why = fit_lapses(fit_scores(camps), camps)
     assert isinstance(why, str)
     assert "whose opinions differ rather" in why
+
+
+def test_somebody_without_a_preference_has_no_rate_where_ties_are_dropped() -> None:
+    votes = votes_with(0)
+    none = np.where(votes.participant == 3, NONE, votes.choice).astype(np.int8)
+    settings = AnalysisSettings(ties="drop", by_dataset=False)
+    tables, _ = lapse_tables(list(compare(VotesTable(**{**vars(votes), "choice": none}), settings)))
+    others = [name for name in votes.participants if name != "3"]
+    assert [row["participant"] for row in tables["lapse_rates"]] == others
 
 
 def test_an_analysis_has_them_where_they_are_asked_for() -> None:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from app.analysis import AnalysisSettings, analyse, votes_from_rows
+from app.analysis.comparisons.comparison import compare
+from app.analysis.rates.rows import rate_differences, rate_rows
 from app.analysis.report.rate_charts import rates_chart
 from app.analysis.report.write import write_analysis
 
@@ -66,6 +68,21 @@ def test_every_condition_has_its_size_and_score_on_each_dataset_and_on_all(analy
     front = [row["item"] for row in rows if row["dataset"] == "all" and row["is_on_front"]]
     assert "old_0.25" in front
     assert "new_1" in front
+
+
+def test_a_condition_whose_size_is_unknown_on_a_dataset_has_none_over_all() -> None:
+    sizes = {"ball": SIZES, "box": {item: 4 * size for item, size in SIZES.items() if item != "new_1"}}
+    scores = [{"dataset": "all", "item": item, "score": 0.0} for item in ITEMS]
+    rows = rate_rows(scores, {"measures": {"bytes": sizes}, "factors": FACTORS})
+    assert {row["item"] for row in rows} == set(ITEMS) - {"new_1"}
+
+
+def test_replicates_of_people_who_voted_alike_give_no_interval() -> None:
+    alike = [row | {"participant": f"P{person}"} for person in range(14) for row in votes(1)]
+    options = settings(bootstrap=200)
+    rows = rate_differences(list(compare(votes_from_rows(alike), options)), options.as_dict())
+    assert rows
+    assert {row["ci_low"] for row in rows} == {None}
 
 
 def test_size_is_no_measure_that_should_predict_the_scores(analysis: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.analysis import analyse, read_votes
+from app.analysis import analyse, read_votes, votes_from_rows
 from app.analysis.comparisons.power import simulate_votes
 from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.reading.votes_table import VotesTable
@@ -142,3 +142,13 @@ def test_a_single_person_and_ties_alone_have_no_agreement() -> None:
     tied = disagreement(replace(votes, choice=np.full(len(votes), 2, np.int8)))
     assert tied is not None
     assert tied["alpha"] is None
+
+
+def test_votes_change_hands_on_their_own_pair_alone() -> None:
+    """Two people disagree on a dataset; a third has four votes on another, which are none of theirs."""
+    rows = [("x", "d", "a"), ("y", "d", "b"), *(("z", "e", choice) for choice in "abab")]
+    columns = ("participant", "dataset", "choice")
+    votes = votes_from_rows([dict(zip(columns, row, strict=True), item_a="A", item_b="B") for row in rows])
+    found = heterogeneity(votes)
+    assert found is not None
+    assert found["ratio"] == pytest.approx(1.0)
