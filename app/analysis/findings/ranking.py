@@ -57,7 +57,8 @@ def ranking_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         yield finding("ranking", _why_no_scores(model))
         yield from _within_islands(analysis)
     elif scored[0]["score"] - scored[-1]["score"] < EQUAL:
-        yield finding("ranking", f"All {len(scored)} conditions have the same score: the votes prefer none of them.")
+        which = "Both" if len(scored) == 2 else f"All {len(scored)}"
+        yield finding("ranking", f"{which} conditions have the same score: the votes prefer none of them.")
     else:
         yield from _best_and_worst(analysis, scored, model)
     yield from _never_judged(analysis)
