@@ -57,8 +57,7 @@ def ranking_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         yield finding("ranking", _why_no_scores(model))
         yield from _within_islands(analysis)
     elif scored[0]["score"] - scored[-1]["score"] < EQUAL:
-        which = "Both" if len(scored) == 2 else f"All {len(scored)}"
-        yield finding("ranking", f"{which} conditions have the same score: the votes prefer none of them.")
+        yield finding("ranking", f"{both_or_all(len(scored))} have the same score: the votes prefer none of them.")
     else:
         yield from _best_and_worst(analysis, scored, model)
     yield from _never_judged(analysis)
@@ -81,6 +80,11 @@ def _within_islands(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
             is_flat = scored[0]["score"] - scored[-1]["score"] < EQUAL
             ends = "all have the same score" if is_flat else f"highest {best}, lowest {worst}{tested}"
             yield finding("ranking", f"Within {{{names}}}: {ends}.")
+
+
+def both_or_all(n: int) -> str:
+    """Return "Both conditions", or "All 3 conditions"."""
+    return "Both conditions" if n == 2 else f"All {n} conditions"
 
 
 def _why_no_scores(model: Row) -> str:

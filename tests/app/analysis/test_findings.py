@@ -540,6 +540,6 @@ def test_methods_name_no_intervals_where_there_are_none() -> None:
 
 
 def test_one_of_several_pairs_differs() -> None:
-    analysis = analyse(votes_from_rows(votes_by({"good": 2.2, "bad": -2.2}, 30, ties=0.0)))
+    analysis = analyse(votes_from_rows(votes_by({"good": 2.2, "bad": -2.2}, 12, ties=0.0)))
     texts = " ".join(text for part in sections(analysis, {}) for text in part["paragraphs"])
     assert "1 of 1 differs" in texts
