@@ -139,7 +139,7 @@ def _ranks(scored: Sequence[Row], where: str) -> str:
     if len(ranks) == 1 or len(scored) > MOST_IN_GROUPS:
         return text
     places = [
-        f"{listed(items, len(items))} {low if low == high else f'{low} to {high}'}"
+        f"{listed(items, len(items))}: {low if low == high else f'{low} to {high}'}"
         for (low, high), items in ranks.items()
     ]
     return f"{text} Possible ranks, together with at least 95 % confidence: {'; '.join(places)}."

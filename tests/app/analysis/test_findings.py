@@ -543,3 +543,9 @@ def test_one_of_several_pairs_differs() -> None:
     analysis = analyse(votes_from_rows(votes_by({"good": 2.2, "bad": -2.2}, 12, ties=0.0)))
     texts = " ".join(text for part in sections(analysis, {}) for text in part["paragraphs"])
     assert "1 of 1 differs" in texts
+
+
+def test_a_factor_of_one_level_is_not_dropped_in_silence() -> None:
+    votes = votes_from_rows(votes_by({"x": 0.0, "y": 0.4}, 3))
+    analysis = analyse(votes, AnalysisSettings(factors={"depth": {"x": "10", "y": "10"}}))
+    assert "all conditions have the same depth, 10: nothing can be said about it" in analysis["warnings"]
