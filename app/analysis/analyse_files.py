@@ -194,7 +194,7 @@ def _refuse_nothing(votes: Mapping[str, Any], source: str) -> None:
     """Raise if no vote counts."""
     if not votes["analysed"]:
         raise VotesError(
-            f"{source}: none of the {votes['votes']} votes counts: {votes['practice']} are practice, {votes['checks']} "
+            f"{source}: none of the {votes['votes']} votes counts: {votes['practice']} practice, {votes['checks']} "
             f"checks, {votes['excluded']} excluded; expected at least one other"
         )
 

@@ -22,6 +22,7 @@ NOTHING_LEFT = "No vote is left after practice and exclusions: there is nothing 
 MOST_PAIRS = 10_000  # listed of a comparison
 MANY_REPEATS = 5  # repeated votes to name
 FIRST_LOOK = 100_000  # rows in which they are looked for first
+UNNAMED = (ALL, "")  # datasets that are all of them, or the only one, which has no name
 FEW_CONDITIONS = 10  # of a dataset, which then tells little about a measure: 0.63 is within chance
 
 
@@ -98,14 +99,16 @@ def measure_warnings(predictions: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     ----------
     predictions : rows of `prediction_rows`
     """
+    has_names = any(row["dataset"] not in UNNAMED for row in predictions)
     judged: dict[tuple[int, float], dict[str, None]] = {}
     for row in predictions:
         if row["n_conditions"] < FEW_CONDITIONS:
             judged.setdefault((row["n_conditions"], row["p_smallest"]), {})[row["dataset"]] = None
     for (n_conditions, p_smallest), datasets in judged.items():
-        single = [name for name in datasets if name != ALL]
-        where = f"dataset {', '.join(single)}" if single else "all datasets together"
-        smallest = f"measures, {where}: with {n_conditions} conditions the smallest p-value is {p_smallest:.2g}"
+        single = [name for name in datasets if name not in UNNAMED]
+        together = ", all datasets together" if has_names else ""
+        where = f", dataset {', '.join(single)}" if single else together
+        smallest = f"measures{where}: with {n_conditions} conditions the smallest p-value is {p_smallest:.2g}"
         if n_conditions < FEWEST_CONDITIONS:
             yield (
                 f"{smallest}, so next to nothing can be said about measures, and there are no intervals; "

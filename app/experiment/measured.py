@@ -85,15 +85,16 @@ def _order(shares: Mapping[str, float]) -> str:
 
 
 def _figure_5(results: Results, rows: Sequence[Mapping[str, Any]], threshold: float) -> Figure:
-    """Return the picture of the used reconstruction with the most outliers, of those that have one."""
+    """Return the picture of the used reconstruction with the largest share of outliers, of those that have one."""
     drawn = {row["name"]: picture for row in rows if (picture := _picture(results.out / SPHERE, row["name"])).is_file()}
     row = min((row for row in rows if row["name"] in drawn), key=lambda row: (row["is_excluded"], row["inliers"]))
     outliers = row["n_points"] * (1 - row["inliers"])
+    among = "reconstructions, of which none is used," if row["is_excluded"] else "reconstructions used"
     caption = (
         f"Figure 5. Points of reconstruction {row['name']} (grey) with the fitted ideal sphere (circle), from the "
         f"sensor and from the side; to the right of each, its {_count(outliers)} outliers "
         f"beyond ±{threshold:g} mm among {_count(row['n_points'])} points, orange outside and blue inside. Of the "
-        "reconstructions used that have a picture, it has the most outliers."
+        f"{among} that have a picture, it has the largest share of outliers."
     )
     return Figure(caption, "figure_5", pictures=[data_url(drawn[row["name"]].read_bytes(), "png")])
 

@@ -28,8 +28,8 @@ CAPTION = (
 )
 
 TRIADS_CAPTION = (
-    "Circular triads (A before B, B before C, C before A) of each participant over all scenes; the tick is what is "
-    "expected of the same votes if ties are broken by chance, the diamond what chance alone gives."
+    "Circular triads (A before B, B before C, C before A) of each participant over all scenes: the bar is how many "
+    "there are, the diamond what is expected of votes at random with the same ties."
 )
 RANKING_CAPTION = (
     "How well each measure predicts the videos' scores over all scenes, with 95 % intervals over the videos: "

@@ -105,7 +105,7 @@ def left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
 def without_results(
     votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison], effects: Sequence[Mapping[str, Any]]
 ) -> Iterator[str]:
-    """Say which factors of several levels have no scores over all datasets, and why none has effects.
+    """Say which factors have a single level, which of several no scores over all datasets, and why none has effects.
 
     Parameters
     ----------
@@ -114,6 +114,10 @@ def without_results(
     """
     part = only_compared(votes_with_levels(votes, settings.factors))
     factors = [factor for factor, _ in coding(settings.factors, part.items)[1]]
+    for name in settings.comparisons:
+        levels = {settings.factors[name][item] for item in part.items if name in settings.factors}
+        if len(levels) == 1:
+            yield f"all conditions have the same {name}, {levels.pop()}: nothing can be said about it"
     unscored = [factor for factor in factors if factor in settings.comparisons]
     unscored = [factor for factor in unscored if factor not in {comparison.comparison for comparison in compared}]
     if unscored:

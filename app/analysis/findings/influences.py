@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from app.analysis.findings.factors import factor_findings, p_of_test
-from app.analysis.findings.ranking import here, of_few, overall, preferred_share
+from app.analysis.findings.ranking import EQUAL, here, of_few, overall, preferred_share
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, critical_value, holm
 from app.analysis.objective.prediction import directed, measures_by_rank
 from app.analysis.reading.phrases import (
@@ -48,8 +48,10 @@ def _datasets(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     for dataset in analysis["votes"]["datasets"]:
         rows = [r for r in analysis["scores"] if (r["comparison"], r["dataset"]) == (ALL, dataset)]
         if rows and all(row["score"] is not None for row in rows):
-            tops.setdefault(max(rows, key=lambda row: row["score"])["item"], []).append(dataset)
-    named = "; ".join(f"{item} on {listed(names)}" for item, names in tops.items())
+            highest = max(row["score"] for row in rows)
+            best = [row["item"] for row in rows if highest - row["score"] < EQUAL]
+            tops.setdefault(listed(best) + ", the same," * (len(best) > 1), []).append(dataset)
+    named = "; ".join(f"{items} on {listed(names)}" for items, names in tops.items())
     yield finding(
         "datasets",
         f"The scores differ between the {n} datasets ({p_phrase(p)}), so what holds over all is an average."

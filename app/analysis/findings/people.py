@@ -97,10 +97,11 @@ def _interim(n: int, planned: int) -> str:
     Lan and DeMets (1983): the part of the 5 % that O'Brien and Fleming's bounds spend by a share of the participants.
     """
     spent = 2 * float(norm.sf(norm.isf(SIGNIFICANT / 2) / np.sqrt(n / planned)))
-    level = "0.0001" if spent < 0.0001 else f"{spent:.4f}" if spent < 0.001 else f"{spent:.3f}"
+    level = f"{spent:.4f}" if spent < 0.001 else f"{spent:.3f}"
+    counts = "Not even p = 0.0001 counts" if spent < 0.0001 else f"Only p below {level} counts"
     return (
         f"Interim: {n} of {planned} planned participants. Do not conclude: who looks several times finds differences "
-        f"that are not there (five looks: 14 % of studies). Only p below {level} counts so early (O'Brien and Fleming)."
+        f"that are not there (five looks: 14 % of studies). {counts} so early (O'Brien and Fleming)."
     )
 
 
@@ -245,7 +246,8 @@ def _unseen(observers: Sequence[Mapping[str, Any]]) -> str:
 
 def _circles_by_chance(pooled: Sequence[Mapping[str, Any]]) -> str:
     expected = sum(row["strict_by_chance"] for row in pooled)
-    return f"; votes at random with the same ties would make {expected:.0f}" if expected else ""
+    n = f"{expected:.0f}" if expected >= 10 else f"{expected:.1f}"
+    return f"; votes at random with the same ties would make {n}" if expected else ""
 
 
 def _evidence(row: Mapping[str, Any], n_people: int) -> str:

@@ -57,7 +57,7 @@ def ranking_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         yield finding("ranking", _why_no_scores(model))
         yield from _within_islands(analysis)
     elif scored[0]["score"] - scored[-1]["score"] < EQUAL:
-        yield finding("ranking", f"All {len(scored)} conditions have the same score: the votes prefer none of them.")
+        yield finding("ranking", f"{both_or_all(len(scored))} have the same score: the votes prefer none of them.")
     else:
         yield from _best_and_worst(analysis, scored, model)
     yield from _never_judged(analysis)
@@ -80,6 +80,11 @@ def _within_islands(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
             is_flat = scored[0]["score"] - scored[-1]["score"] < EQUAL
             ends = "all have the same score" if is_flat else f"highest {best}, lowest {worst}{tested}"
             yield finding("ranking", f"Within {{{names}}}: {ends}.")
+
+
+def both_or_all(n: int) -> str:
+    """Return "Both conditions", or "All 3 conditions"."""
+    return "Both conditions" if n == 2 else f"All {n} conditions"
 
 
 def _why_no_scores(model: Row) -> str:
@@ -134,7 +139,7 @@ def _ranks(scored: Sequence[Row], where: str) -> str:
     if len(ranks) == 1 or len(scored) > MOST_IN_GROUPS:
         return text
     places = [
-        f"{listed(items, len(items))} {low if low == high else f'{low} to {high}'}"
+        f"{listed(items, len(items))}: {low if low == high else f'{low} to {high}'}"
         for (low, high), items in ranks.items()
     ]
     return f"{text} Possible ranks, together with at least 95 % confidence: {'; '.join(places)}."

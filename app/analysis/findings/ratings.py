@@ -7,7 +7,7 @@ from typing import Any
 
 from app.analysis.findings.pairs import better_first
 from app.analysis.findings.people import interim_findings
-from app.analysis.findings.ranking import Condition, tested_ranking, untested_ranking
+from app.analysis.findings.ranking import EQUAL, Condition, both_or_all, tested_ranking, untested_ranking
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS, SIGNIFICANT
 from app.analysis.reading.phrases import (
     MOST_NAMED,
@@ -46,7 +46,7 @@ def rating_findings(tables: Mapping[str, Sequence[Row]], planned: int | None = N
     early = interim_findings(max((row["n_participants"] for row in models), default=None), planned)
     if tables.get("rating_conditions"):
         return [*early, *_opinions(tables)]
-    return [*early, *_comparisons(tables)] if tables.get("comparison_items") else []
+    return [*early, *_comparisons(tables)] if tables.get("comparison_pairs") else []
 
 
 def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
@@ -59,24 +59,22 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
     ]
     contrasts = [row for row in tables["rating_contrasts"] if not references & {row["item_a"], row["item_b"]}]
     n_people = model["n_participants"]
-    if len(conditions) > 1 and len(contrasts) == len(conditions) * (len(conditions) - 1) // 2:
+    differ = any(row["p_holm"] < SIGNIFICANT for row in contrasts)
+    if contrasts and not differ and max(row["mos"] for row in rows) - min(row["mos"] for row in rows) < EQUAL:
+        yield finding(
+            "ranking", f"{both_or_all(len(conditions))} have the same mean rating, {unsigned(rows[0]['mos'])}."
+        )
+    elif len(conditions) > 1 and len(contrasts) == len(conditions) * (len(conditions) - 1) // 2:
         difference = _difference(conditions[0].name, conditions[-1].name, contrasts)
         yield from tested_ranking(conditions, contrasts, "mean rating", difference, where="", beyond="")
     elif len(conditions) > 1:
         yield untested_ranking(conditions, "mean rating", _why_not_tested(n_people, len(conditions)))
     if references:
         yield finding("reference", f"The hidden reference {listed(sorted(references))} takes no part in this ranking.")
-    if n_people == 1:
-        yield finding("limits", "A single participant rated: nothing can be concluded about other people.")
-    elif n_people < FEWEST_PARTICIPANTS:
-        yield finding(
-            "limits",
-            f"{n_people} participants are few (fewer than {FEWEST_PARTICIPANTS}): intervals rest on at most "
-            f"{counted(n_people - 1, 'degree')} of freedom; treat the results as provisional.",
-        )
+    yield from _limits(n_people)
     if model["disagreement"] is not None:
         yield finding("disagreement", _disagreement(model))
-    yield finding("participants", f"{outstanding(raters)}{_others(raters)} {_rules(raters)}")
+    yield finding("participants", f"{_outstanding(raters)}{_others(raters)} {_rules(raters)}")
     shown = (
         "with 95 % intervals by t; all pairs of conditions compared within participants and corrected by Holm"
         if n_people > 1
@@ -87,6 +85,25 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
         f"Settings: {model['protocol'].upper()}, scale {model['low']:g} to {model['high']:g}, means over participants "
         f"{shown}.",
     )
+
+
+def _limits(n_people: int) -> Iterator[dict[str, str]]:
+    """Yield what the number of participants forbids to conclude."""
+    if n_people == 1:
+        yield finding("limits", "A single participant rated: nothing can be concluded about other people.")
+    elif n_people < FEWEST_PARTICIPANTS:
+        yield finding(
+            "limits",
+            f"{n_people} participants are few (fewer than {FEWEST_PARTICIPANTS}): intervals rest on at most "
+            f"{counted(n_people - 1, 'degree')} of freedom; treat the results as provisional.",
+        )
+
+
+def _outstanding(raters: Sequence[Row]) -> str:
+    """Say who stands out, or that nobody could be compared."""
+    if len(raters) > 1 and not any(row["flags"] or row["unlike_false_alarms"] is not None for row in raters):
+        return "Nobody's ratings can be compared with the others': of too few people, or items, or all alike."
+    return outstanding(raters)
 
 
 def _disagreement(model: Row) -> str:
@@ -168,18 +185,26 @@ def _difference(best: str, worst: str, contrasts: Sequence[Row]) -> str:
 
 
 def _comparisons(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
-    datasets = dict.fromkeys(row["dataset"] for row in tables["comparison_items"])
-    for dataset in [ALL] if ALL in datasets else datasets:
-        rows = [row for row in tables["comparison_items"] if row["dataset"] == dataset]
+    items, people = tables["comparison_items"], {m["dataset"]: m["n_participants"] for m in tables["comparison_models"]}
+    datasets = dict.fromkeys(row["dataset"] for row in items)
+    shown = [ALL] if ALL in datasets else list(datasets)
+    if not items:
+        yield finding("ranking", "No pair links some conditions to the others, so there is no ranking of them.")
+    for dataset in shown:
+        rows = [row for row in items if row["dataset"] == dataset]
         rows.sort(key=lambda row: -row["score"])
         conditions = [
             Condition(row["condition"], number_with_interval(row, "score", show=signed), None) for row in rows
         ]
-        if len(conditions) > 1:
-            yield untested_ranking(conditions, "comparison rating", "intervals of these scores are given, not tests")
+        why = "a single participant rated" if people[dataset] == 1 else "intervals of these scores are given, not tests"
+        on = f" on {dataset}" if len(shown) > 1 else ""
+        yield untested_ranking(conditions, f"comparison rating{on}", why)
+    yield from _limits(max(people.values()))
     has_order = any(row["order_effect"] is not None for row in tables["comparison_models"])
+    has_intervals = any(row["ci_low"] is not None for row in (*items, *tables["comparison_pairs"]))
     yield finding(
         "settings",
         "Settings: comparison ratings (CCR), least squares scale in grades"
-        f"{' with the order effect taken off' if has_order else ''}, 95 % intervals over participants.",
+        f"{' with the order effect taken off' if has_order else ''}, "
+        f"{'95 % intervals over participants' if has_intervals else 'without intervals'}.",
     )

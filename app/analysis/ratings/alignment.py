@@ -17,7 +17,7 @@ from app.analysis.model.likelihood.counts import PairCounts
 from app.analysis.model.likelihood.existence import recession
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
 from app.analysis.ratings.joint_likelihood import Array, JointLikelihood, Observations
-from app.analysis.ratings.table import RatingTable
+from app.analysis.ratings.table import RatingTable, item_name
 from app.analysis.reading.cells import numbered_names
 from app.analysis.reading.votes_table import NONE, A, B, VotesTable
 
@@ -64,7 +64,7 @@ def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any
         "n_ratings": len(seen.rating),
         "n_votes": int(seen.count.sum()),
         "n_participants": seen.n_participants or None,
-        "left_out": ", ".join(f"{condition} of {dataset}" for dataset, condition in left_out) or None,
+        "left_out": ", ".join(item_name(*item) for item in left_out) or None,
         **dict.fromkeys(("slope", "slope_low", "slope_high", "rating_noise", "log_nu", "loglik")),
     }
     if n_shared < FEWEST_SHARED:

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 RANK_TOLERANCE = 1e-10  # relative eigenvalues below it are rounding errors of 0
+NOT_BOTH = "the orders cannot tell an order effect from the scores, as no pair was shown in both orders"
 MOST_AT_THE_END = 0.5  # share of ratings; above, the scale cuts off what an order adds
 
 
@@ -181,7 +182,7 @@ def _why_no_order_effect(part: _Part) -> str | None:
     low_first = (part.order > 0) == (part.a == low)
     is_both = np.isin(pair, np.intersect1d(pair[low_first], pair[~low_first]))
     if not is_both.any():
-        return "the orders cannot tell an order effect from the scores, as no pair was shown in both orders"
+        return NOT_BOTH
     at_the_end = np.abs(part.rating) == part.high
     if max(at_the_end.mean(), at_the_end[is_both].mean()) > MOST_AT_THE_END:
         return "most ratings lie at the ends of the scale, from which an order effect cannot be told"
@@ -216,7 +217,7 @@ def _pair_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> I
             "item_a": conditions[part.conditions[first]],
             "item_b": conditions[part.conditions[second]],
             "n_ratings": int(rows.sum()),
-            "n_a_first": int((part.order[rows] == sign[rows]).sum()),
+            "n_a_first": int((part.order[rows] == sign[rows]).sum()) if part.has_order else None,
             "n": scores["n"],
             "cmos": scores["mean"],
             "sd": scores["sd"],
@@ -246,6 +247,7 @@ def _score_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> 
 
 
 def _model_row(dataset: str, part: _Part, fit: _Fit) -> dict[str, Any]:
+    second, first = ((part.rating * part.order * side > 0).sum() for side in (1, -1))
     return {
         "dataset": dataset,
         "n_ratings": len(part.rating),
@@ -253,18 +255,17 @@ def _model_row(dataset: str, part: _Part, fit: _Fit) -> dict[str, Any]:
         "order_effect": fit.order_effect,
         "order_se": fit.order_se,
         "order_left_out": fit.no_order,
-        "n_second_better": int((part.rating * part.order > 0).sum()),
-        "n_first_better": int((part.rating * part.order < 0).sum()),
+        "n_second_better": int(second) if part.has_order else None,
+        "n_first_better": int(first) if part.has_order else None,
         "status": "ok" if fit.n_groups == 1 else "disconnected",
     }
 
 
 def _warnings(row: dict[str, Any]) -> Iterator[str]:
-    where = f"comparisons, dataset {row['dataset']}"
+    named = "all datasets together" if row["dataset"] == ALL else f"dataset {row['dataset']}"
+    where = f"comparisons, {named}" if row["dataset"] else "comparisons"
     if row["status"] != "ok":
         yield f"{where}: no pair links some conditions to the others, so there are no scores"
     if row["order_left_out"] is not None:
-        yield (
-            f"{where}: {row['order_left_out']}, so no order effect is taken off, and means are plain; show each pair "
-            "in both orders"
-        )
+        advice = "; show each pair in both orders" if row["order_left_out"] == NOT_BOTH else ""
+        yield f"{where}: {row['order_left_out']}, so no order effect is taken off, and means are plain{advice}"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable
+from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable, item_name
 from app.analysis.reading.cells import Column, Problems, number_or_nan, numbered_names, same, shown
 from app.analysis.reading.description import COMPARISONS, Description, Told
 from app.analysis.reading.layouts import LongTable, flags, rows_of
@@ -144,7 +144,7 @@ def _ratings(rows: LongTable, description: Description, scale: tuple[float, floa
     is_reference[item[is_marked]] = True
     problems.add(
         is_reference[item] & ~is_marked,
-        lambda row: f"{items[item[row]][1]} of {items[item[row]][0]} is not the reference here, but in another row",
+        lambda row: f"{item_name(*items[item[row]])} is not the reference here, but in another row",
     )
     problems.check()
     if protocol == "acr-hr" and not is_reference.any():

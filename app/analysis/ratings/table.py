@@ -18,6 +18,11 @@ PROTOCOLS = {
 }
 
 
+def item_name(dataset: str, condition: str) -> str:
+    """Return "condition of dataset", or the condition where no dataset has a name."""
+    return f"{condition} of {dataset}" if dataset else condition
+
+
 @dataclass(frozen=True)
 class RatingTable:
     """Ratings of single stimuli; the analysis takes them as they are, so leave practice and exclusions out.
@@ -58,10 +63,9 @@ class RatingTable:
         is_bad = ~((self.rating >= self.low) & (self.rating <= self.high))  # NaN too
         if is_bad.any():
             row = int(np.flatnonzero(is_bad)[0])
-            dataset, condition = self.items[self.item[row]]
             raise ValueError(
-                f"{self.participants[self.person[row]]} rated {condition} of {dataset} with {self.rating[row]:g}, "
-                f"expected {self.low:g} to {self.high:g}"
+                f"{self.participants[self.person[row]]} rated {item_name(*self.items[self.item[row]])} with "
+                f"{self.rating[row]:g}, expected {self.low:g} to {self.high:g}"
             )
         referenced = [dataset for (dataset, _), is_it in zip(self.items, self.is_reference, strict=True) if is_it]
         if len(set(referenced)) < len(referenced):
@@ -114,8 +118,8 @@ class ComparisonTable:
         is_foreign = (dataset[self.item_a] != dataset[self.item_b]) | (self.item_a == self.item_b)
         if is_foreign.any():
             row = int(np.flatnonzero(is_foreign)[0])
-            a, b = self.items[self.item_a[row]], self.items[self.item_b[row]]
-            raise ValueError(f"{a[1]} of {a[0]} is compared with {b[1]} of {b[0]}, expected two items of a dataset")
+            a, b = (item_name(*self.items[item[row]]) for item in (self.item_a, self.item_b))
+            raise ValueError(f"{a} is compared with {b}, expected two items of a dataset")
 
     def __len__(self) -> int:
         return len(self.rating)

@@ -169,7 +169,7 @@ def _methods(analysis: Mapping[str, Any]) -> list[str]:
         texts.append(
             "An advantage of the condition shown first was estimated with the scores (Davidson and Beaver 1977)."
         )
-    if votes["participants"] is not None:
+    if votes["participants"] is not None and any(row["ci_method"] for row in analysis["scores"]):
         texts.append(
             "The participant is the independent unit: standard errors come from the sandwich estimator clustered by "
             f"participant with the factor J / (J - 1), intervals from {_interval_in_words(analysis)}. With fewer than "
@@ -181,6 +181,7 @@ def _methods(analysis: Mapping[str, Any]) -> list[str]:
                 "Results over all datasets hold for these datasets, which are not taken as a sample of others: "
                 "intervals say how other people would vote on the same ones."
             )
+    if votes["participants"] is not None:
         texts.append(
             "Contradictory votes were counted as circular triads (Kendall and Babington Smith 1940); ties enter by the "
             "expectation over all ways of breaking them. P-values hold for random votes on the pairs that a "

@@ -32,7 +32,7 @@ ESTIMATES = ("mean", "subject model, these people")
 def rating_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tuple[str, str, Any]]:
     """Yield name, caption and chart of every figure of ratings; the chart is None where there is nothing to draw."""
     items, raters = analysis.get("rating_items", []), analysis.get("raters", [])
-    compared = analysis.get("comparison_items", [])
+    aligned, compared = analysis.get("alignment_items", []), analysis.get("comparison_items", [])
     differences = [row for row in items if row["dmos"] is not None]
     yield "opinion_scores", f"Mean opinion scores {intervals_shown(items)}.", opinion_chart(analysis, width)
     yield (
@@ -45,7 +45,11 @@ def rating_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tu
         f"Bias and inconsistency of each participant {intervals_shown(raters, 'bias_low')}.",
         raters_chart(analysis, width),
     )
-    yield "alignment", "Qualities from ratings and votes together, 95 % intervals.", alignment_chart(analysis, width)
+    yield (
+        "alignment",
+        f"Qualities from ratings and votes together {intervals_shown(aligned, 'quality_low')}.",
+        alignment_chart(analysis, width),
+    )
     yield (
         "comparison_scores",
         f"Scores from comparison ratings {intervals_shown(compared)}.",
@@ -147,7 +151,7 @@ def _panels(
         y = alt.Y("condition:N", scale=alt.Scale(domain=order), sort=None, title=None, axis=axis)
         return _panel(y, horizontal, line, several).properties(height=_height(labels, len(several)))
 
-    titles = {name: "all datasets" if name == ALL else name for name in names}
+    titles = {name: name for name in datasets} | {ALL: "all datasets" if datasets else ""}
     panels = [(titles[name], [row for row in values if row["dataset"] == name]) for name in names]
     return panels_in_rows(panels, labels, width, panel)
 

@@ -97,12 +97,17 @@ def _alignment(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     if model["status"] != "ok":
         text = f"Ratings and votes could not be put on one scale: {model['status']} ({model['n_shared']} in common)."
         return {"title": "Ratings and votes on one scale", "paragraphs": [text], "figures": [], "tables": []}
+    whose = "participants as the sample" if model["n_participants"] else "votes and ratings taken as independent"
+    intervals = (
+        "There are no intervals, as a single participant voted, or rated"
+        if model["slope_low"] is None
+        else f"Intervals are 95 %, with {whose}"
+    )
     text = (
         "One quality per item explains ratings and votes together (maximum likelihood; Perez-Ortiz and others 2020): a "
         "rating is the quality plus noise, the log-odds of a preference are "
         f"{with_interval(model, 'slope', 'slope')} for each step of the rating "
-        "scale. Intervals are 95 %, with participants as the sample; scores are log-odds with mean zero in each "
-        "dataset."
+        f"scale. {intervals}; scores are log-odds with mean zero in each dataset."
     )
     rows = [
         row | {name: with_interval(row, name, name) for name in ("quality", "score")}
@@ -117,9 +122,10 @@ def _comparisons(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     text = (
         "Comparison category ratings (ITU-T P.910): above zero where the second item of a pair is better. What being "
         "shown second adds is taken off (Scheffe 1952) where the orders can tell it. Scores are the least squares "
-        "scale of all ratings, with mean zero; the difference of two scores is the expected rating of the pair. In "
-        "brackets: 95 % intervals, with participants as the sample."
+        "scale of all ratings, with mean zero; the difference of two scores is the expected rating of the pair."
     )
+    if any(row["ci_low"] is not None for row in analysis["comparison_pairs"]):
+        text += " In brackets: 95 % intervals, with participants as the sample."
     scores = [dict(row) | {"scored": with_interval(row, "score", "ci")} for row in analysis["comparison_items"]]
     place = list(dict.fromkeys(row["dataset"] for row in scores)).index
     scores.sort(key=lambda row: (place(row["dataset"]), -row["score"]))

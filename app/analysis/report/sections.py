@@ -119,9 +119,10 @@ def _contrasts(analysis: Analysis) -> dict[str, Any]:
     rows = clearest_contrasts(analysis)
     n_differ = sum(row["p_holm"] < SIGNIFICANT for row in rows)
     text = (
-        f"How much higher the first of two conditions scores, the clearest first: {n_differ} of {len(rows)} differ "
-        "(5 %, Holm's correction for all of them). The intervals are 95 % for each difference alone: of those that lie "
-        "farthest apart they hold less often, without any difference in 63 to 80 % (simulations)."
+        f"How much higher the first of two conditions scores, the clearest first: {n_differ} of {len(rows)} "
+        f"{'differs' if 1 in (n_differ, len(rows)) else 'differ'} (5 %, Holm's correction for all of them). The "
+        "intervals are 95 % for each difference alone: of those that lie farthest apart they hold "
+        "less often, without any difference in 63 to 80 % (simulations)."
         f"{_open_intervals(rows)} All, also of single datasets and factors, are in contrasts.csv."
     )
     columns = ["item_a", "item_b", "difference", "se", "ci_low", "ci_high", "p_value", "p_holm"]

@@ -39,7 +39,6 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "log_nu": "tie parameter",
     "log_theta": "tie parameter",
     "loglik": "log-likelihood",
-    "loglik_per_vote_left_out": "log-likelihood per vote",
     "measure_a": "measure",
     "measure_b": "and",
     "model": "in the model of",

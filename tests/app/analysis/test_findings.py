@@ -502,3 +502,50 @@ def test_one_of_one_is_said_in_words(n: int, total: int, said: str) -> None:
     from app.analysis.reading.phrases import part
 
     assert part(n, total, "participant") == said
+
+
+def test_votes_at_random_that_would_make_less_than_one_circular_triad_are_not_said_to_make_none() -> None:
+    said = sentences(votes_by(CLEAR, 1, ties=0.0))["participants"]
+    assert "votes at random with the same ties would make 0.2." in said
+
+
+def test_so_early_that_hardly_any_p_value_counts_it_is_said_so() -> None:
+    said = sentences(votes_by(CLEAR, 3), planned_participants=24)["interim"]
+    assert "Not even p = 0.0001 counts so early" in said
+
+
+def test_datasets_on_which_several_score_highest_name_them_all() -> None:
+    shares = {"box": (17, 16, 12), "ball": (3, 12, 16), "face": (10, 15, 15)}  # of 20 votes, for the first of a pair
+    votes = [
+        {"participant": f"p{n}", "dataset": dataset, "item_a": a, "item_b": b}
+        | {"choice": "a" if (n * 7 + place * 3) % 20 < wins else "b"}
+        for dataset, counts in shares.items()
+        for place, ((a, b), wins) in enumerate(zip(combinations(("x", "y", "z"), 2), counts, strict=True))
+        for n in range(20)
+    ]
+    rows = analyse(votes_from_rows(votes))["findings"]
+    (said,) = [row["text"] for row in rows if row["about"] == "datasets"]
+    assert "y on ball; x on box; x and y, the same, on face." in said
+
+
+def test_two_conditions_of_the_same_score_are_both_not_all() -> None:
+    votes = [{"participant": "p", "dataset": "d", "item_a": "x", "item_b": "y", "choice": "none"}]
+    assert sentences(votes)["ranking"] == "Both conditions have the same score: the votes prefer none of them."
+
+
+def test_methods_name_no_intervals_where_there_are_none() -> None:
+    said = report_of(votes_by(CLEAR, 1))
+    assert "Intervals: none." in said
+    assert "standard errors come from the sandwich estimator" not in said
+
+
+def test_one_of_several_pairs_differs() -> None:
+    analysis = analyse(votes_from_rows(votes_by({"good": 2.2, "bad": -2.2}, 12, ties=0.0)))
+    texts = " ".join(text for part in sections(analysis, {}) for text in part["paragraphs"])
+    assert "1 of 1 differs" in texts
+
+
+def test_a_factor_of_one_level_is_not_dropped_in_silence() -> None:
+    votes = votes_from_rows(votes_by({"x": 0.0, "y": 0.4}, 3))
+    analysis = analyse(votes, AnalysisSettings(factors={"depth": {"x": "10", "y": "10"}}))
+    assert "all conditions have the same depth, 10: nothing can be said about it" in analysis["warnings"]

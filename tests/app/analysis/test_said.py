@@ -7,7 +7,7 @@ random. A claim is read out of the sentence's `about` and the names and numbers 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from app.analysis import AnalysisSettings, analyse
-from app.analysis.reading.votes_table import IDENTICAL, VotesTable, joined, votes_from_indices
+from app.analysis.reading.votes_table import ALL, IDENTICAL, VotesTable, joined, votes_from_indices
+from app.analysis.warnings import measure_warnings
 
 ITEMS = ("id+fa", "id+fb", "dr+fa", "dr+fb", "pm+fa", "pm+fb")
 FACTORS = {"depth": {item: item[:2] for item in ITEMS}, "fusion": {item: item[3:] for item in ITEMS}}
@@ -412,3 +413,18 @@ def test_intervals_with_lapse_rates_are_said_to_be_narrow_where_people_lie_far_a
     for spread, is_said in ((0.3, False), (1.2, True)):
         analysis = analyse(votes_of(Truth(CLEAR, spread=spread)), AnalysisSettings(lapses=True))
         assert ("these intervals may be too narrow" in said(analysis, "lapses")) is is_said
+
+
+@pytest.mark.parametrize(
+    ("datasets", "said"),
+    [
+        (("",), "measures: with 5"),
+        ((ALL,), "measures: with 5"),
+        (("x", ALL), "measures, dataset x: with 5"),
+        (("x",), "measures, dataset x: with 5"),
+    ],
+)
+def test_measures_of_no_named_dataset_are_not_said_to_be_of_one(datasets: Sequence[str], said: str) -> None:
+    rows = [{"dataset": dataset, "n_conditions": 5, "p_smallest": 0.0083} for dataset in datasets]
+    (warning,) = measure_warnings(rows)
+    assert warning.startswith(said)

@@ -18,14 +18,15 @@ import app.experiment.study
 import recon.validation.cloud_quality.evaluation
 import recon.validation.truth.evaluation
 from app.analysis.reading.votes_table import ALL
+from app.analysis.report.vote_charts import triads_chart
 from app.cli.experiments import Step, run_steps
 from app.experiment import reconstruction
-from app.experiment.measured import models_section
+from app.experiment.measured import _figure_5, models_section
 from app.experiment.reconstruction.objects import sphere_imaging
 from app.experiment.report import conclusions
-from app.experiment.results import Results, order_text
+from app.experiment.results import SPHERE, Results, order_text
 from app.experiment.study import people, raters, true_abilities
-from app.experiment.voted import is_against
+from app.experiment.voted import TRIADS_CAPTION, is_against
 from app.intake.reports import Measure
 from app.simulation.rating import LOG_ODDS_OF_SCALE
 from recon.capture.format import read_capture
@@ -189,6 +190,24 @@ def test_a_measure_that_people_surely_like_the_other_way_gets_its_remark(
     row = {"measure": "coverage", "dataset": ALL, "better": better, "spearman": low or 0.0, "spearman_low": low,
            "spearman_high": high, "pearson_logistic": None, "pairs_correct": None, "pairs_different": 0}  # fmt: skip
     assert is_against(row) is told
+
+
+def test_the_caption_of_circular_triads_names_what_the_figure_draws() -> None:
+    row = {"participant": "p0", "circular": 1, "strict_by_chance": 2.0, "circular_expected_ties": 1.5}
+    drawn = triads_chart({"triads_pooled": [row]}).to_dict()["layer"]
+    marks = {layer["mark"].get("shape", layer["mark"]["type"]) for layer in drawn}
+    assert marks == {mark for mark in ("bar", "tick", "diamond", "line") if mark in TRIADS_CAPTION}
+
+
+@pytest.mark.parametrize("is_excluded", [False, True])
+def test_figure_5_is_said_to_be_of_those_used_only_where_one_is_used(tmp_path: Path, is_excluded: bool) -> None:
+    picture = tmp_path / SPHERE / "sphere_a.png"
+    picture.parent.mkdir(parents=True)
+    picture.write_bytes(b"")
+    row = {"name": "a", "is_excluded": is_excluded, "inliers": 0.9, "n_points": 1000}
+    caption = _figure_5(Results(tmp_path, {}, {}, [], {}), [row], 12.5).caption
+    assert ("reconstructions used that" in caption) != is_excluded
+    assert "the largest share of outliers" in caption
 
 
 def test_the_sphere_is_made_hard_alike_in_pictures_of_any_width() -> None:

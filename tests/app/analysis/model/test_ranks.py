@@ -64,4 +64,4 @@ def test_ranks_count_the_significant_differences() -> None:
 def test_the_sentence_names_probable_bests_and_ranks() -> None:
     text = sentences(votes_by(CLEAR, 30))["ranks"]
     assert text.startswith("Probability to have the highest true score, by these votes alone: good (")
-    assert text.endswith("Possible ranks, together with at least 95 % confidence: good 1; fair 2; bad 3.")
+    assert text.endswith("Possible ranks, together with at least 95 % confidence: good: 1; fair: 2; bad: 3.")

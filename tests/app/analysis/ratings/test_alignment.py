@@ -145,6 +145,9 @@ def test_an_item_that_nobody_rated_and_that_loses_every_vote_is_left_out(tie_rat
     assert tables["alignment"][0] == without["alignment"][0] | {"left_out": "c4 of d0"}
     assert tables["alignment"][0]["status"] == "ok"
     assert tables["alignment_items"] == without["alignment_items"]
+    nameless = votes_from_indices(voter, 0 * a, a, b, (b < 4) * choice, names=(names[0], [""], names[2]))
+    items = tuple(("", condition) for _, condition in table.items)
+    assert align(replace(table, items=items), nameless)["alignment"][0]["left_out"] == "c4"
 
 
 def test_a_slope_that_grows_without_limit_is_no_maximum_and_no_overflow() -> None:

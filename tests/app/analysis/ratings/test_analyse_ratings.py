@@ -118,3 +118,17 @@ def test_a_comparison_across_datasets_is_refused() -> None:
             np.ones(1),
             np.ones(1, bool),
         )
+
+
+def test_where_all_means_are_the_same_none_is_highest() -> None:
+    table = rating_table(np.repeat(range(7), 3), [0, 1, 2] * 7, [3.0] * 21)
+    said = {row["about"]: row["text"] for row in rating_findings(analyse_ratings(table))}
+    assert said["ranking"] == "All 3 conditions have the same mean rating, 3.00."
+    assert "told apart" not in said
+
+
+def test_where_nobody_can_be_compared_nobody_is_said_not_to_stand_out() -> None:
+    few_items = rating_table(np.repeat(range(8), 2), [0, 1] * 8, [4.0, 2.0, 3.0, 2.0] * 4)
+    said = {row["about"]: row["text"] for row in rating_findings(analyse_ratings(few_items))}
+    assert "stands out" not in said["participants"]
+    assert said["participants"].startswith("Nobody's ratings can be compared with the others'")

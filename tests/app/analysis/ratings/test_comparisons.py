@@ -143,3 +143,46 @@ def test_conditions_that_no_pair_links_have_no_scores() -> None:
     tables = analyse_comparisons(table)
     assert tables["comparison_items"] == []
     assert tables["comparison_models"][0]["status"] == "disconnected"
+
+
+def test_of_a_single_participant_no_intervals_are_promised() -> None:
+    tables = analyse_comparisons(comparisons([(0, 0, 1, 1, True), (0, 1, 2, 2, False)]))
+    said = " ".join(row["text"] for row in rating_findings(tables))
+    assert "not tested: a single participant rated." in said
+    assert "A single participant rated: nothing can be concluded about other people." in said
+    assert "without intervals" in said
+    assert "95 % intervals" not in said
+
+
+def test_scores_of_datasets_that_no_pair_links_are_said_with_their_datasets() -> None:
+    items = (("x", "c0"), ("x", "c1"), ("y", "c2"), ("y", "c3"))
+    person, a = np.array([0, 1, 0, 1]), np.array([0, 0, 2, 2])
+    table = ComparisonTable(("p0", "p1"), items, person, a, a + 1, np.array([1.0, 2, 1, 3]), np.array([True] * 4))
+    ranked = [row["text"] for row in rating_findings(analyse_comparisons(table)) if row["about"] == "ranking"]
+    assert ["comparison rating on x" in ranked[0], "comparison rating on y" in ranked[1]] == [True, True]
+
+
+def test_conditions_that_no_pair_links_are_not_passed_over_in_silence() -> None:
+    items = tuple(("", f"c{number}") for number in range(4))
+    person, a = np.array([0, 1, 0, 1]), np.array([0, 0, 2, 2])
+    table = ComparisonTable(("p0", "p1"), items, person, a, a + 1, np.array([1.0, 2, 1, 3]), np.array([True] * 4))
+    said = rating_findings(analyse_comparisons(table))
+    assert said[0]["text"].startswith("No pair links some conditions to the others, so there is no ranking")
+
+
+@pytest.mark.parametrize(("rating", "has_order", "helps"), [(1.0, True, True), (1.0, False, False), (3.0, True, False)])
+def test_both_orders_are_asked_for_only_where_they_would_tell_the_order_effect(
+    rating: float, has_order: bool, helps: bool
+) -> None:
+    person, zeros = np.arange(4), np.zeros(4, int)
+    first = person % 2 == 0 if rating == 3 else zeros == 0
+    table = ComparisonTable(
+        tuple(f"p{number}" for number in range(4)), (("", "c0"), ("", "c1")), person, zeros, zeros + 1,
+        np.full(4, rating), first, has_order=has_order,
+    )  # fmt: skip
+    tables = analyse_comparisons(table)
+    (warning,) = (row["warning"] for row in tables["rating_warnings"])
+    assert warning.startswith("comparisons: ")
+    assert ("show each pair in both orders" in warning) == helps
+    assert (tables["comparison_models"][0]["n_first_better"] is not None) == has_order
+    assert (tables["comparison_pairs"][0]["n_a_first"] is not None) == has_order

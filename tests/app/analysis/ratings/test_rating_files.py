@@ -116,6 +116,7 @@ def test_comparisons_are_known_by_their_columns(write: Write) -> None:
         ),
         (["a,d,x,3,maybe"], f"{HEADER},reference", "row 1: reference is 'maybe', expected true or false"),
         (["a,d,x,3,true", "b,d,x,3,false"], f"{HEADER},reference", "row 2: x of d is not the reference here"),
+        (["a,x,3,true", "b,x,3,false"], "participant,condition,rating,reference", "row 2: x is not the reference here"),
         (["a,d,x,3,true", "b,d,y,3,true"], f"{HEADER},reference", "the dataset 'd' has several references"),
         (["a,d,3"], "participant,dataset,rating", "lacks the column condition; found participant, dataset, rating"),
         ([], HEADER, "has no row, expected at least one rating"),

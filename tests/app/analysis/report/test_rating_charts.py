@@ -7,7 +7,13 @@ import pytest
 
 from app.analysis.drawing.charts_in_common import chart_svg
 from app.analysis.ratings.analyse_ratings import analyse_ratings
-from app.analysis.report.rating_charts import differential_chart, opinion_chart, raters_chart, rating_charts
+from app.analysis.report.rating_charts import (
+    alignment_chart,
+    differential_chart,
+    opinion_chart,
+    raters_chart,
+    rating_charts,
+)
 from tests.app.analysis.ratings.rated_tables import known_table, rating_table, simulated
 
 
@@ -46,3 +52,15 @@ def test_participants_are_ordered_by_inconsistency_and_who_stands_out_is_filled(
 @pytest.mark.parametrize("tables", [{}, {"rating_items": [], "rating_model": [], "raters": []}])
 def test_there_is_nothing_to_draw_without_ratings(tables: dict[str, list[object]]) -> None:
     assert [chart for _, _, chart in rating_charts(tables)] == [None] * 5
+
+
+def test_the_caption_of_qualities_promises_no_intervals_where_there_are_none() -> None:
+    row = {"dataset": "", "condition": "c0", "quality": 3.0, "quality_low": None, "quality_high": None}
+    analysis = {"alignment_items": [row, row | {"condition": "c1"}]}
+    captions = {name: caption for name, caption, chart in rating_charts(analysis) if chart is not None}
+    assert captions == {"alignment": "Qualities from ratings and votes together without intervals (there are none)."}
+
+
+def test_a_panel_of_ratings_without_a_dataset_is_not_that_of_all_datasets() -> None:
+    row = {"dataset": "", "condition": "c0", "quality": 3.0, "quality_low": 2.0, "quality_high": 4.0}
+    assert "all datasets" not in chart_svg(alignment_chart({"alignment_items": [row]}))
