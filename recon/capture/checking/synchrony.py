@@ -22,6 +22,7 @@ from recon.capture.schema import Draft
 MAX_LAG = 3  # frames
 MIN_FRAMES = 10  # that both cameras have at the largest lag, plus MAX_LAG
 MIN_LIKE = 0.85  # correlation at the lag that is believed; cameras of a sensor reach 0.92 to 1 in the studio's scenes
+RESAMPLE = "write the recording anew by `capture check --resample`"
 MIN_MARGIN = 0.15  # above the correlation without lag
 
 
@@ -110,10 +111,14 @@ def silhouette_findings(draft: Draft, silhouettes: Silhouettes) -> SilhouetteFin
         if late.is_late:
             side = "behind" if late.frames > 0 else "ahead of"
             likely = sorted((abs(late.low), abs(late.high)))
+            least, certain, otherwise = (
+                ("at least ", "where the search ends", "shift one by whole frames, then check again")
+                if late.is_beyond
+                else ("", f"{likely[0]:.2f} to {likely[1]:.2f} with 95 %", RESAMPLE)
+            )
             sentence = (
-                f"{names} are not synchronised, {second.id} is {abs(late.frames):.2f} frames {side} {first.id} by "
-                f"their silhouettes ({likely[0]:.2f} to {likely[1]:.2f} with 95 %); start all by one trigger, or write "
-                "the recording anew by `capture check --resample`"
+                f"{names} are not synchronised, {second.id} is {least}{abs(late.frames):.2f} frames {side} {first.id} "
+                f"by their silhouettes ({certain}); start all by one trigger, or {otherwise}"
             )
             (findings.problems if abs(late.frames) >= HALF_FRAME else findings.warnings).append(sentence)
     return findings
@@ -171,5 +176,5 @@ def _correlation(a: NDArray[np.float64], b: NDArray[np.float64], late: int) -> f
 
 
 def _frames(late: int) -> str:
-    plural = "" if abs(late) == 1 else "s"
-    return f"{abs(late)} frame{plural} {'behind' if late > 0 else 'ahead of'}"
+    least, plural = "at least " * (abs(late) == MAX_LAG), "" if abs(late) == 1 else "s"
+    return f"{least}{abs(late)} frame{plural} {'behind' if late > 0 else 'ahead of'}"

@@ -68,11 +68,17 @@ def schedule(capture: Capture, lags: Mapping[tuple[str, str], Lag]) -> Schedule:
     Raises
     ------
     CaptureError
-        If no sensor is known to be late, or the sensors have hardly a frame in common.
+        If no sensor is known to be late, one is later than the search goes, or the sensors have hardly a frame in
+        common.
     """
     late = {capture.sensors[0].id: 0.0}
     for pair in pairwise(stream.id for stream in capture.sensors):
         lag = lags.get(pair, UNKNOWN)
+        if lag.is_late and lag.is_beyond:
+            raise CaptureError(
+                f"{capture.folder}: how late {pair[1]} is to {pair[0]} is not known, but {abs(lag.frames):.2f} frames "
+                "or more; shift one by whole frames, then check again"
+            )
         late[pair[1]] = late[pair[0]] + (lag.frames if lag.is_late else 0.0)
     if not any(late.values()):
         if unknown := next((pair for pair in pairwise(late) if pair not in lags), None):
@@ -141,7 +147,7 @@ def _resampled(capture: Capture, stream: SensorStream, plan: Schedule, out: Path
     """Write a sensor's frames."""
     instants = [plan.instant(stream.id, frame) for frame in range(plan.n_frames)]
     if stream.depth is not None:
-        instants = [(round(frame + share), 0.0) for frame, share in instants]
+        instants = [(int(np.floor(frame + share + 0.5)), 0.0) for frame, share in instants]  # halves all one way
         depth = replace(stream.depth, image=f"{stream.id}/depth/{{frame:04d}}{Path(stream.depth.image).suffix}")
     else:
         depth = None
