@@ -72,15 +72,19 @@ class SensorReport:
 
     def verdict(self) -> str:
         """Say which accuracy to expect, in plain words."""
+        unmasked = f"; whether background stands within the bounds {UNCHECKED}, as it has no masks"
+        masks = unmasked if self.mask_coverage is None else ""
         if self.baseline_mm is None:
             if self.depth_coverage is None:
                 return f"{self.id}: nothing can be expected before the problems are solved"
-            return f"{self.id}: {self.depth_coverage:.0%} of what the bounds or masks show has a given depth"
+            return (
+                f"{self.id}: {self.depth_coverage:.0%} of what the bounds or masks show has a given depth; whether its "
+                f"lens and its place are right {UNCHECKED}, as it has no pair{masks}"
+            )
         if self.is_checked is False:
             return f"{self.id}: its calibration {UNCHECKED}, so which accuracy to expect is not known"
         if self.expected_error_mm is None or self.textured is None:
             return f"{self.id}: no accuracy can be expected before the problems are solved"
-        masks = f"; whether background stands within the bounds {UNCHECKED}, as it has no masks"
         lenses = f"; whether the distortion of its lenses is right {UNCHECKED}, as rows hardly tell it"
         scale = (
             f"; whether its focal lengths, principal points and the angle between its cameras are right {UNCHECKED}, "
@@ -91,7 +95,7 @@ class SensorReport:
             f"{self.id}: expect depth errors of about {self.expected_error_mm:.1f} mm at the object; texture is "
             f"{self.texture} ({self.textured:.0%} can be matched){advice[self.texture]}"
             f"{lenses if self.are_lenses_checked is False else ''}{scale if self.is_compared is False else ''}"
-            f"{masks if self.mask_coverage is None else ''}"
+            f"{masks}"
         )
 
     def as_line(self) -> str:
