@@ -159,13 +159,28 @@ def motion_signal(by_frame: Mapping[int, Glance]) -> NDArray[np.float64] | None:
 
 def lag(pairs: Sequence[tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]]) -> int:
     """Count the frames by which the second of every pair of signals (N - 1,) is late; 0 if nothing tells."""
-    known = [(a, b) for a, b in pairs if a is not None and b is not None and min(a.std(), b.std()) > 0]
-    if not known:
+    likeness = _likeness(pairs)
+    if not likeness:
         return 0
-    lags = range(-MAX_LAG, MAX_LAG + 1)
-    likeness = {k: float(np.median([_correlation(a, b, k) for a, b in known])) for k in lags}
     best = max(likeness, key=likeness.__getitem__)
     return best if likeness[best] >= MIN_LIKE and likeness[best] - likeness[0] >= MIN_MARGIN else 0
+
+
+def would_lag_show(stream: SensorStream, glances: Glances) -> bool | None:
+    """Tell whether motion would show that one camera of a pair is late; None without a pair, or with one frame."""
+    by_frame = [glances.get(side.image, {}) for side in stream.cameras]
+    if stream.right is None or max(map(len, by_frame)) < 2:
+        return None
+    left, right = map(motion_signal, by_frame)
+    likeness = _likeness([(left, right)]).values()
+    return bool(likeness) and max(likeness) >= MIN_LIKE and max(likeness) - min(likeness) >= MIN_MARGIN
+
+
+def _likeness(pairs: Sequence[tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]]) -> dict[int, float]:
+    """Correlate every pair of signals at each lag; empty if nothing moves."""
+    known = [(a, b) for a, b in pairs if a is not None and b is not None and min(a.std(), b.std()) > 0]
+    lags = range(-MAX_LAG, MAX_LAG + 1) if known else ()
+    return {k: float(np.median([_correlation(a, b, k) for a, b in known])) for k in lags}
 
 
 def _correlation(a: NDArray[np.float64], b: NDArray[np.float64], late: int) -> float:
