@@ -103,8 +103,8 @@ def silhouette_findings(draft: Draft, silhouettes: Silhouettes) -> SilhouetteFin
         if late is None or not late.is_known:
             between = "" if late is None else f" ({late.low:+z.1f} to {late.high:+z.1f} frames are possible)"
             findings.warnings.append(
-                f"whether {names} recorded the same instants could not be checked: their silhouettes move too little"
-                f"{between}"
+                f"whether {names} recorded the same instants could not be checked: their silhouettes move too little, "
+                f"are cut by the pictures' edges, or the sensors face each other{between}"
             )
             continue
         findings.decided[first.id, second.id] = late

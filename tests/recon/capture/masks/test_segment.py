@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -229,6 +230,15 @@ def test_a_sensor_whose_pictures_are_black_is_named(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(evidence, "read_frame", lambda *_: [np.zeros((9, 9, 3), np.uint8)] * 2)
     with pytest.raises(CaptureError, match="sensor S1: all pixels are equally bright"):
         segment_capture(capture.folder, method="threshold")
+
+
+def test_what_a_killed_process_of_the_same_number_left_becomes_no_mask(tmp_path: Path) -> None:
+    left = tmp_path / f".masks.{os.getpid()}.part/S1/mask/left/0099.png"
+    left.parent.mkdir(parents=True)
+    left.touch()
+    with segment._staged(tmp_path):
+        pass
+    assert list(tmp_path.rglob("*.png")) == []
 
 
 def test_the_temples_own_shadows_belong_to_it(real_data: Path) -> None:

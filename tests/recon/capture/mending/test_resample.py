@@ -154,6 +154,8 @@ def test_depth_maps_that_are_late_by_half_a_frame_are_each_taken_once(tmp_path: 
     made = resample(replace(capture, sensors=(capture.sensors[0], second)), {("S1", "S2"): lag(0.5)}, tmp_path / "b")
     taken = [float(np.load(tmp_path / "b" / name.format(frame=frame))[0, 0]) for frame in range(made.n_frames)]
     assert np.diff(taken).tolist() == [1.0] * (made.n_frames - 1)
+    (told,) = moved(replace(capture, sensors=(capture.sensors[0], second)), {("S1", "S2"): lag(0.5)})
+    assert told.endswith("; of a sensor with depth maps, by the nearest whole frames")
 
 
 @pytest.mark.slow
