@@ -181,6 +181,12 @@ def test_the_place_and_the_lens_of_a_camera_with_depth_maps_alone_could_not_be_c
     assert "as it has no masks" not in replace(alone, mask_coverage=(0.3,)).verdict()
 
 
+def test_a_depth_map_in_a_form_that_is_not_read_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.tiff").touch()
+    with pytest.raises(CaptureError, match=r"a\.tiff: ends in '\.tiff', expected a depth map of \.png, \.npy"):
+        read_depth_values(tmp_path / "a.tiff")
+
+
 def test_damaged_files_and_other_pictures_are_no_depth_maps(tmp_path: Path) -> None:
     values = np.ones((4, 5), np.float32)
     write_exr(tmp_path / "layer.exr", values, "view.Depth.Z")
