@@ -102,6 +102,8 @@ def read_depth_values(path: Path) -> NDArray[np.float32]:
     """
     if not path.is_file():
         raise CaptureError(f"{path}: there is no such depth map")
+    if path.suffix.lower() not in READERS:
+        raise CaptureError(f"{path}: ends in {path.suffix!r}, expected a depth map of {', '.join(READERS)}")
     values = READERS[path.suffix.lower()](path)
     if values.ndim != 2 or values.dtype.kind not in "fui":
         raise CaptureError(

@@ -113,7 +113,7 @@ def recordings_named(base: Path, suffixes: Collection[str]) -> list[Path]:
 def images_in(folder: Path) -> list[Path]:
     """Return the images of a folder, without files that the system hides, such as those of macOS for its own use."""
     images = (path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)
-    return sorted((path for path in images if not path.name.startswith(".")), key=_by_number)
+    return sorted((path for path in images if not path.name.startswith(".")), key=by_number)
 
 
 def steady_rate(path: Path) -> float:
@@ -156,5 +156,6 @@ def _in_folder(folder: Path) -> Pictures:
     return Pictures(frames, plate, is_folder=True)
 
 
-def _by_number(path: Path) -> list[tuple[int, str]]:
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)]
+def by_number(path: Path) -> list[tuple[int, str]]:
+    """Return what puts files in the order of the numbers in their names: 2 before 10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.stem)]

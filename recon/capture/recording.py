@@ -155,8 +155,7 @@ class SensorStream:
     depth: DepthMaps | None = None
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"[\w.-]+", self.id) or self.id.startswith("."):
-            raise CaptureError(f"sensor id {self.id!r} is no file name: use letters, digits, '_', '-' and '.'")
+        check_sensor_id(self.id)
         if self.right is None and self.depth is None:
             raise CaptureError(f"sensor {self.id}: has neither a right camera nor depth maps; one of them is needed")
         for path in (*(self.plate or ()), *(self.mask or ())):
@@ -319,6 +318,12 @@ def chosen_frames(folder: Path, frames: Sequence[int], wanted: range | None) -> 
         end = "" if wanted.stop == sys.maxsize else wanted.stop
         raise CaptureError(f"{folder}: has frames {frames[0]} to {frames[-1]}, none of them in {wanted.start}:{end}")
     return chosen
+
+
+def check_sensor_id(name: str) -> None:
+    """Raise a CaptureError if files cannot be called by a sensor's id."""
+    if not re.fullmatch(r"[\w.-]+", name) or name.startswith("."):
+        raise CaptureError(f"sensor id {name!r} is no file name: use letters, digits, '_', '-' and '.'")
 
 
 def check_bounds(bounds: Any) -> NDArray[np.float64]:

@@ -65,6 +65,12 @@ class Board:
                 f"board: {self.columns}x{self.rows} with squares of {self.square_mm:g} mm, expected at least 3x3 and a "
                 "positive length"
             )
+        inside = 1 if self.kind == "charuco" else 0  # of a ChArUco board, no corner lies on the edge
+        if (n_corners := (self.columns - inside) * (self.rows - inside)) < MIN_CORNERS:
+            raise CaptureError(
+                f"board: {self.columns}x{self.rows} has {n_corners} corners, expected at least {MIN_CORNERS}, which "
+                "a picture must show"
+            )
         if self.kind == "charuco" and not 0 < self.marker_mm < self.square_mm:
             raise CaptureError(f"board: the markers of {self.marker_mm} mm do not fit squares of {self.square_mm} mm")
         if self.kind == "charuco" and self.columns * self.rows // 2 > len(self._markers.bytesList):

@@ -35,8 +35,8 @@ from recon.capture.images import (
     write_picture,
 )
 from recon.capture.importing.opencv import SUFFIXES, write_calibration
-from recon.capture.pictures import common_rate, images_in, recordings_named
-from recon.capture.recording import SIDES, evenly_chosen
+from recon.capture.pictures import by_number, common_rate, images_in, recordings_named
+from recon.capture.recording import SIDES, check_sensor_id, evenly_chosen
 from recon.geometry.rig import Rig, Sensor
 from recon.runtime.files import check_exists, check_suffix, new_folder, write_json
 from recon.runtime.workers import Progress, no_progress
@@ -162,10 +162,13 @@ def _camera_folders(sources: Sequence[Path]) -> dict[str, tuple[Path, Path]]:
         base = sources[0]
         if sides := _sides(base):
             return {"S1": sides}
-        inside = {path.name: _sides(path) for path in sorted(base.glob("*")) if path.is_dir()}
+        below = sorted((path for path in base.glob("*") if path.is_dir()), key=by_number)
+        inside = {path.name: _sides(path) for path in below}
         sensors = {name: sides for name, sides in inside.items() if sides}
         if not sensors:
             raise CaptureError(f"{base}: holds neither left and right nor folders with left and right in them")
+        for name in sensors:
+            check_sensor_id(name)
         return sensors
     if len(sources) % 2:
         raise CaptureError(

@@ -40,7 +40,7 @@ from recon.capture.checking.matches import Matches, match_pictures
 from recon.capture.checking.sensor import SensorCheck, check_sensor, measured_frames
 from recon.capture.checking.sensor_report import UNCHECKED, SensorReport
 from recon.capture.checking.silhouettes import Silhouette, Silhouettes, silhouette_of
-from recon.capture.checking.synchrony import SilhouetteFindings, silhouette_findings, synchrony_problems
+from recon.capture.checking.synchrony import SilhouetteFindings, silhouette_findings, synchrony_problems, would_lag_show
 from recon.capture.format import (
     CaptureError,
     expected_pictures,
@@ -144,16 +144,17 @@ def check_capture(capture_folder: Path) -> CheckReport:
     ]
     warnings += [warning for check in checks for warning in check.warnings]
     reports = tuple(
-        check.report if comparisons is None else _beside_others(check.report, comparisons) for check in checks
+        _beside_others(replace(check.report, are_instants_checked=would_lag_show(stream, glances)), comparisons)
+        for stream, check in zip(draft.sensors, checks, strict=True)
     )
     corrections = {check.report.id: check.correction for check in checks if check.correction is not None}
     verdict = tuple(problems), tuple(warnings), glances, instants.decided, corrections
     return CheckReport(str(capture_folder), draft.n_frames, reports, *verdict)
 
 
-def _beside_others(report: SensorReport, comparisons: Sequence[Comparison]) -> SensorReport:
+def _beside_others(report: SensorReport, comparisons: Sequence[Comparison] | None) -> SensorReport:
     """Add to the report of a sensor with a pair whether another one sees enough of the same points."""
-    if report.is_checked is None:
+    if report.is_checked is None or comparisons is None:
         return report
     others = [comparison.is_known for comparison in comparisons if report.id in comparison.sensors]
     return replace(report, is_compared=any(others))

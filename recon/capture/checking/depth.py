@@ -17,7 +17,7 @@ from recon.geometry.rig import Camera, bounds_corners
 MIN_INSIDE = 0.05  # of the depths lie within the bounds; the rest is background
 WRONG_UNITS = (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)  # times the depths: metres for millimetres, and the like
 MIN_COVERAGE = 0.05  # of what the bounds show, background and all
-SAMPLES = 20_000  # depths of a frame that are compared with the bounds
+SAMPLES = 200_000  # depths of all frames together that are compared with the bounds
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def check_depth_maps(folder: Path, stream: SensorStream, n_frames: int, bounds: 
             problems.append(f"{depth_path(folder, depth, frame)}: holds no depth at all, only 0 or NaN")
             continue
         chosen = np.flatnonzero(valid)
-        chosen = chosen[:: len(chosen) // SAMPLES + 1]
+        chosen = chosen[:: len(chosen) * n_frames // SAMPLES + 1]
         samples.append(in_camera[chosen] * z.ravel()[chosen, None])
         medians.append(float(np.median(z[valid])))
         coverages.append(float(valid[area].mean()) if area.any() else 0.0)

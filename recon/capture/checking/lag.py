@@ -40,15 +40,19 @@ class Lag:
     ----------
     low, high : between which it lies with 95 %, as far as the search goes
     evidence : how much more likely it is than none, natural logarithm
+    is_beyond : whether it is where the search ends, and may be more
     """
 
     frames: float
     low: float
     high: float
     evidence: float
+    is_beyond: bool = False
 
     def __str__(self) -> str:
         """Say it with its interval."""
+        if self.is_beyond:
+            return f"{self.frames:.2f} frames or more, as far as the search goes,"
         return f"{self.frames:.2f} frames ({self.low:.2f} to {self.high:.2f} with 95 %)"
 
     @property
@@ -155,7 +159,8 @@ def likeliest_lag(lags: NDArray[np.float64], total: NDArray[np.float64]) -> Lag:
     best = int(total.argmax())
     likely = lags[total >= total[best] - LEAST_EVIDENCE]
     evidence = float(total[best] - total[len(lags) // 2])
-    return Lag(float(lags[best]), float(likely.min()), float(likely.max()), evidence)
+    is_beyond = best in (0, len(lags) - 1)
+    return Lag(float(lags[best]), float(likely.min()), float(likely.max()), evidence, is_beyond)
 
 
 def spread_by_lag(

@@ -321,10 +321,11 @@ def _misfit(sensor: Sensor, matches: Matches, rows: Rows) -> float:
 
     A glossy or plain object gives few and wrong matches; the room behind it then shows that the calibration fits.
     """
-    on_object = rows.vertical_error_px or 0.0
+    on_object = rows.vertical_error_px
     if len(matches) < max(FEWEST, rows.n_agreeing):
-        return on_object
-    return min(on_object, float(np.median(np.abs(epipolar_errors(sensor, matches)))))
+        return on_object or 0.0
+    everywhere = float(np.median(np.abs(epipolar_errors(sensor, matches))))
+    return everywhere if on_object is None else min(on_object, everywhere)
 
 
 def _row_problems(rectification: Rectification, rows: Rows, misfit: float) -> Iterator[str]:

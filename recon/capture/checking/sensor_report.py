@@ -45,6 +45,7 @@ class SensorReport:
     depth_mm : median of the given depths
     is_checked : whether enough matched points agree to judge the calibration; None where there is no pair to check
     are_lenses_checked : whether a wrong distortion of both lenses would have been noticed; None as before
+    are_instants_checked : whether a late camera of the pair would have been noticed; None as before, or with one frame
     is_compared : whether another sensor sees enough of the same points; None as before, or where there are problems
     """
 
@@ -61,6 +62,7 @@ class SensorReport:
     depth_mm: float | None = None
     is_checked: bool | None = None
     are_lenses_checked: bool | None = None
+    are_instants_checked: bool | None = None
     is_compared: bool | None = None
 
     @property
@@ -72,26 +74,31 @@ class SensorReport:
 
     def verdict(self) -> str:
         """Say which accuracy to expect, in plain words."""
+        unmasked = f"; whether background stands within the bounds {UNCHECKED}, as it has no masks"
+        masks = unmasked if self.mask_coverage is None else ""
         if self.baseline_mm is None:
             if self.depth_coverage is None:
                 return f"{self.id}: nothing can be expected before the problems are solved"
-            return f"{self.id}: {self.depth_coverage:.0%} of what the bounds or masks show has a given depth"
+            return (
+                f"{self.id}: {self.depth_coverage:.0%} of what the bounds or masks show has a given depth; whether its "
+                f"lens and its place are right {UNCHECKED}, as it has no pair{masks}"
+            )
         if self.is_checked is False:
             return f"{self.id}: its calibration {UNCHECKED}, so which accuracy to expect is not known"
         if self.expected_error_mm is None or self.textured is None:
             return f"{self.id}: no accuracy can be expected before the problems are solved"
-        masks = f"; whether background stands within the bounds {UNCHECKED}, as it has no masks"
         lenses = f"; whether the distortion of its lenses is right {UNCHECKED}, as rows hardly tell it"
         scale = (
             f"; whether its focal lengths, principal points and the angle between its cameras are right {UNCHECKED}, "
             "as no other sensor sees enough of the same points"
         )
+        instants = f"; whether its two cameras recorded at one time {UNCHECKED}: that takes 13 frames of uneven motion"
         advice = {"good": "", "fair": "; plain areas will be filled in", "poor": "; add texture, light or sharpness"}
         return (
             f"{self.id}: expect depth errors of about {self.expected_error_mm:.1f} mm at the object; texture is "
             f"{self.texture} ({self.textured:.0%} can be matched){advice[self.texture]}"
             f"{lenses if self.are_lenses_checked is False else ''}{scale if self.is_compared is False else ''}"
-            f"{masks if self.mask_coverage is None else ''}"
+            f"{instants if self.are_instants_checked is False else ''}{masks}"
         )
 
     def as_line(self) -> str:

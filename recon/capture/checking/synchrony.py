@@ -22,6 +22,7 @@ from recon.capture.schema import Draft
 MAX_LAG = 3  # frames
 MIN_FRAMES = 10  # that both cameras have at the largest lag, plus MAX_LAG
 MIN_LIKE = 0.85  # correlation at the lag that is believed; cameras of a sensor reach 0.92 to 1 in the studio's scenes
+RESAMPLE = "write the recording anew by `capture check --resample`"
 MIN_MARGIN = 0.15  # above the correlation without lag
 
 
@@ -102,18 +103,22 @@ def silhouette_findings(draft: Draft, silhouettes: Silhouettes) -> SilhouetteFin
         if late is None or not late.is_known:
             between = "" if late is None else f" ({late.low:+z.1f} to {late.high:+z.1f} frames are possible)"
             findings.warnings.append(
-                f"whether {names} recorded the same instants could not be checked: their silhouettes move too little"
-                f"{between}"
+                f"whether {names} recorded the same instants could not be checked: their silhouettes move too little, "
+                f"are cut by the pictures' edges, or the sensors face each other{between}"
             )
             continue
         findings.decided[first.id, second.id] = late
         if late.is_late:
             side = "behind" if late.frames > 0 else "ahead of"
             likely = sorted((abs(late.low), abs(late.high)))
+            least, certain, otherwise = (
+                ("at least ", "where the search ends", "shift one by whole frames, then check again")
+                if late.is_beyond
+                else ("", f"{likely[0]:.2f} to {likely[1]:.2f} with 95 %", RESAMPLE)
+            )
             sentence = (
-                f"{names} are not synchronised, {second.id} is {abs(late.frames):.2f} frames {side} {first.id} by "
-                f"their silhouettes ({likely[0]:.2f} to {likely[1]:.2f} with 95 %); start all by one trigger, or write "
-                "the recording anew by `capture check --resample`"
+                f"{names} are not synchronised, {second.id} is {least}{abs(late.frames):.2f} frames {side} {first.id} "
+                f"by their silhouettes ({certain}); start all by one trigger, or {otherwise}"
             )
             (findings.problems if abs(late.frames) >= HALF_FRAME else findings.warnings).append(sentence)
     return findings
@@ -154,13 +159,28 @@ def motion_signal(by_frame: Mapping[int, Glance]) -> NDArray[np.float64] | None:
 
 def lag(pairs: Sequence[tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]]) -> int:
     """Count the frames by which the second of every pair of signals (N - 1,) is late; 0 if nothing tells."""
-    known = [(a, b) for a, b in pairs if a is not None and b is not None and min(a.std(), b.std()) > 0]
-    if not known:
+    likeness = _likeness(pairs)
+    if not likeness:
         return 0
-    lags = range(-MAX_LAG, MAX_LAG + 1)
-    likeness = {k: float(np.median([_correlation(a, b, k) for a, b in known])) for k in lags}
     best = max(likeness, key=likeness.__getitem__)
     return best if likeness[best] >= MIN_LIKE and likeness[best] - likeness[0] >= MIN_MARGIN else 0
+
+
+def would_lag_show(stream: SensorStream, glances: Glances) -> bool | None:
+    """Tell whether motion would show that one camera of a pair is late; None without a pair, or with one frame."""
+    by_frame = [glances.get(side.image, {}) for side in stream.cameras]
+    if stream.right is None or max(map(len, by_frame)) < 2:
+        return None
+    left, right = map(motion_signal, by_frame)
+    likeness = _likeness([(left, right)]).values()
+    return bool(likeness) and max(likeness) >= MIN_LIKE and max(likeness) - min(likeness) >= MIN_MARGIN
+
+
+def _likeness(pairs: Sequence[tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]]) -> dict[int, float]:
+    """Correlate every pair of signals at each lag; empty if nothing moves."""
+    known = [(a, b) for a, b in pairs if a is not None and b is not None and min(a.std(), b.std()) > 0]
+    lags = range(-MAX_LAG, MAX_LAG + 1) if known else ()
+    return {k: float(np.median([_correlation(a, b, k) for a, b in known])) for k in lags}
 
 
 def _correlation(a: NDArray[np.float64], b: NDArray[np.float64], late: int) -> float:
@@ -171,5 +191,5 @@ def _correlation(a: NDArray[np.float64], b: NDArray[np.float64], late: int) -> f
 
 
 def _frames(late: int) -> str:
-    plural = "" if abs(late) == 1 else "s"
-    return f"{abs(late)} frame{plural} {'behind' if late > 0 else 'ahead of'}"
+    least, plural = "at least " * (abs(late) == MAX_LAG), "" if abs(late) == 1 else "s"
+    return f"{least}{abs(late)} frame{plural} {'behind' if late > 0 else 'ahead of'}"

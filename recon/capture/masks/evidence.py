@@ -63,7 +63,10 @@ def found_threshold(capture: Capture, stream: SensorStream, plates: Sequence[NDA
         ]
     )
     if plates[0] is None:
-        return dark_background_threshold(np.bincount(evidence.astype(np.uint8), minlength=256))
+        try:
+            return dark_background_threshold(np.bincount(evidence.astype(np.uint8), minlength=256))
+        except CaptureError as error:
+            raise CaptureError(f"sensor {stream.id}: {error}") from error
     noise = float(np.quantile(evidence, QUIET_SHARE)) / QUIET_DEVIATIONS
     return max(MIN_DIFFERENCE, NOISE_FACTOR * noise)
 

@@ -238,7 +238,7 @@ def _known(value: Any, expected: Any) -> str:
 
 
 def _frame(text: str, capture: Capture, place: str) -> int:
-    if not text.isdigit() or int(text) >= capture.n_frames:
+    if not text.isdecimal() or int(text) >= capture.n_frames:
         raise CaptureError(f"{place}: there is no frame {text!r}, frames are 0 to {capture.n_frames - 1}")
     return int(text)
 

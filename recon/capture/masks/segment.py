@@ -50,7 +50,7 @@ from recon.capture.masks.outline import (
 from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
 from recon.capture.noise import largest_channel
 from recon.capture.recording import MASK
-from recon.runtime.files import check_not_read, check_suffix, read_json, write_json
+from recon.runtime.files import check_not_read, check_suffix, files_like, read_json, write_json
 from recon.runtime.workers import Progress, no_progress
 
 
@@ -144,8 +144,8 @@ def try_strokes(folder: Path, scribbles: Path, place: tuple[str, str, int], out:
     Raises
     ------
     ValueError
-        If `out` is no PNG file or the picture itself, there is no such picture, it has no strokes of both kinds, or the
-        mask is empty.
+        If `out` is no PNG file, or one of the sensor's pictures or of the strokes, there is no such picture, it has no
+        strokes of both kinds, or the mask is empty.
     """
     check_suffix(out, (".png",))
     capture = read_capture(folder)
@@ -157,7 +157,8 @@ def try_strokes(folder: Path, scribbles: Path, place: tuple[str, str, int], out:
             f"frames 0 to {capture.n_frames - 1}"
         )
     recorded = frame_pictures(folder, stream, frame)[stream.sides.index(side)]
-    check_not_read(out, (recorded.path,))
+    pictures = (picture.path for at in range(capture.n_frames) for picture in frame_pictures(folder, stream, at))
+    check_not_read(out, (*pictures, *files_like(scribbles, "*/*/*.png")))
     picture = read_picture(recorded)
     mask = clean_mask(mask_of_key_frame(picture, scribbles, capture, place), SCRIBBLES)
     if not mask.any():
@@ -293,6 +294,7 @@ def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
 def _staged(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder whose files move to `folder` if the block ends without an error."""
     staging = folder / f".masks.{os.getpid()}.part"
+    shutil.rmtree(staging, ignore_errors=True)  # a killed process, in a container, may have had the same number
     try:
         yield staging
         for path in sorted(path for path in staging.rglob("*") if path.is_file()):

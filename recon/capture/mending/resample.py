@@ -28,6 +28,7 @@ from recon.capture.format import (
 from recon.capture.images import CaptureError, is_video, write_picture
 from recon.capture.mending.files import link
 from recon.capture.mending.interpolation import way_between
+from recon.capture.recording import MASK
 from recon.runtime.files import new_folder
 from recon.runtime.workers import Progress, no_progress
 
@@ -68,11 +69,17 @@ def schedule(capture: Capture, lags: Mapping[tuple[str, str], Lag]) -> Schedule:
     Raises
     ------
     CaptureError
-        If no sensor is known to be late, or the sensors have hardly a frame in common.
+        If no sensor is known to be late, one is later than the search goes, or the sensors have hardly a frame in
+        common.
     """
     late = {capture.sensors[0].id: 0.0}
     for pair in pairwise(stream.id for stream in capture.sensors):
         lag = lags.get(pair, UNKNOWN)
+        if lag.is_late and lag.is_beyond:
+            raise CaptureError(
+                f"{capture.folder}: how late {pair[1]} is to {pair[0]} is not known, but {abs(lag.frames):.2f} frames "
+                "or more; shift one by whole frames, then check again"
+            )
         late[pair[1]] = late[pair[0]] + (lag.frames if lag.is_late else 0.0)
     if not any(late.values()):
         if unknown := next((pair for pair in pairwise(late) if pair not in lags), None):
@@ -92,13 +99,14 @@ def schedule(capture: Capture, lags: Mapping[tuple[str, str], Lag]) -> Schedule:
 
 def moved(capture: Capture, lags: Mapping[tuple[str, str], Lag]) -> Iterator[str]:
     """Say by how much each sensor is moved against its neighbour, and how far off that may be, or that it is not."""
-    for first, second in pairwise(stream.id for stream in capture.sensors):
-        lag = lags.get((first, second))
+    for first, second in pairwise(capture.sensors):
+        lag = lags.get((first.id, second.id))
         if lag is None:
-            yield f"{second} stays as it is to {first}: how late it is could not be checked"
+            yield f"{second.id} stays as it is to {first.id}: how late it is could not be checked"
         elif lag.is_late:
             left = max(lag.high - lag.frames, lag.frames - lag.low)
-            yield f"{second} is moved by {lag.frames:.2f} frames against {first}, give or take {left:.2f}"
+            whole = "; of a sensor with depth maps, by the nearest whole frames" if first.depth or second.depth else ""
+            yield f"{second.id} is moved by {lag.frames:.2f} frames against {first.id}, give or take {left:.2f}{whole}"
 
 
 def _snapped(late: float) -> float:
@@ -141,7 +149,7 @@ def _resampled(capture: Capture, stream: SensorStream, plan: Schedule, out: Path
     """Write a sensor's frames."""
     instants = [plan.instant(stream.id, frame) for frame in range(plan.n_frames)]
     if stream.depth is not None:
-        instants = [(round(frame + share), 0.0) for frame, share in instants]
+        instants = [(int(np.floor(frame + share + 0.5)), 0.0) for frame, share in instants]  # halves all one way
         depth = replace(stream.depth, image=f"{stream.id}/depth/{{frame:04d}}{Path(stream.depth.image).suffix}")
     else:
         depth = None
@@ -150,7 +158,7 @@ def _resampled(capture: Capture, stream: SensorStream, plan: Schedule, out: Path
         side: f"{stream.id}/{side}/{{frame:04d}}{Path(camera.image).suffix.lower() if is_copied else '.png'}"
         for side, camera in zip(stream.sides, stream.cameras, strict=True)
     }
-    masks = {side: f"{stream.id}/mask/{side}/{{frame:04d}}.png" for side in stream.sides} if stream.mask else {}
+    masks = {side: MASK.format(sensor=stream.id, side=side) for side in stream.sides} if stream.mask else {}
     for frame, (whole, share) in enumerate(instants):
         for place, side in enumerate(stream.sides):
             targets = image_path(out, names[side], frame), image_path(out, masks[side], frame) if masks else None

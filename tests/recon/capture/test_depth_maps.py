@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,9 @@ import OpenEXR
 import pytest
 from numpy.typing import NDArray
 
+from recon.capture.checking import depth as depth_check
 from recon.capture.checking.check import check_capture
+from recon.capture.checking.sensor_report import SensorReport
 from recon.capture.depth_maps import depth_view, given_disparity, read_depth_map, read_depth_values
 from recon.capture.format import Capture, CaptureError, DepthMaps, SensorStream, read_capture, read_frame, write_capture
 from recon.capture.masks.segment import segment_capture
@@ -153,6 +156,35 @@ def test_the_check_names_every_fault_of_depth_maps(tmp_path: Path) -> None:
     problems = check_capture(in_metres.folder).problems
     assert [problem.split(":")[0] for problem in problems] == ["sensor S1", "sensor S2"]
     assert "1000 times too small for the bounds; set scale_mm to 1000 instead of 1" in problems[0]
+
+
+@pytest.mark.slow
+def test_what_a_check_keeps_of_depth_maps_does_not_grow_with_their_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = record(tmp_path / "capture")
+    kept: list[int] = []
+    monkeypatch.setattr(depth_check, "SAMPLES", 1000)
+    monkeypatch.setattr(depth_check, "_unit_problem", lambda _stream, points, _bounds: kept.append(len(points)))
+    path = capture.folder / "S1/depth/0000.png"
+    for frame in range(1, 8):
+        shutil.copyfile(path, path.with_name(f"{frame:04d}.png"))
+    for n_frames in (1, 8):
+        assert not depth_check.check_depth_maps(capture.folder, capture.sensors[0], n_frames, capture.bounds).problems
+    assert 500 < min(kept) <= max(kept) < 1500
+
+
+def test_the_place_and_the_lens_of_a_camera_with_depth_maps_alone_could_not_be_checked() -> None:
+    alone = SensorReport("S1", None, depth_coverage=0.9, depth_mm=2400.0)
+    assert "whether its lens and its place are right could not be checked" in alone.verdict()
+    assert "as it has no masks" in alone.verdict()
+    assert "as it has no masks" not in replace(alone, mask_coverage=(0.3,)).verdict()
+
+
+def test_a_depth_map_in_a_form_that_is_not_read_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.tiff").touch()
+    with pytest.raises(CaptureError, match=r"a\.tiff: ends in '\.tiff', expected a depth map of \.png, \.npy"):
+        read_depth_values(tmp_path / "a.tiff")
 
 
 def test_damaged_files_and_other_pictures_are_no_depth_maps(tmp_path: Path) -> None:

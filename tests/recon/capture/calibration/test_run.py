@@ -134,6 +134,8 @@ def test_images_of_one_name_that_are_not_of_one_instant_are_refused() -> None:
         "dots:4x4:5",
         "charuco:11x8:30:31",
         "chessboard:2x9:5",
+        "chessboard:3x3:25",
+        "charuco:4x4:30:22",
         "chessboard:9x6:nan",
         "charuco:9x6:inf:5",
         "charuco:40x40:50:37",
@@ -144,6 +146,17 @@ def test_images_of_one_name_that_are_not_of_one_instant_are_refused() -> None:
 def test_a_board_that_cannot_be_is_refused(text: str) -> None:
     with pytest.raises(CaptureError, match=r"expected|do not fit"):
         parse_board(text)
+
+
+def test_sensors_are_calibrated_in_the_order_of_their_numbers_and_called_as_a_capture_can(tmp_path: Path) -> None:
+    for name in ("S1", "S10", "S2"):
+        for side in ("left", "right"):
+            (tmp_path / "images" / name / side).mkdir(parents=True)
+            cv2.imwrite(str(tmp_path / "images" / name / side / "1.png"), np.zeros((9, 9), np.uint8))
+    assert list(run._camera_folders([tmp_path / "images"])) == ["S1", "S2", "S10"]
+    (tmp_path / "images/S2").rename(tmp_path / "images/sensor 2")
+    with pytest.raises(CaptureError, match="sensor id 'sensor 2' is no file name"):
+        calibrate_folders([tmp_path / "images"], COARSE, tmp_path / "calibration.yml")
 
 
 def test_a_folder_of_board_pictures_that_is_not_there_is_named(tmp_path: Path) -> None:

@@ -50,6 +50,14 @@ def test_an_interval_that_ends_at_none_holds_none_exactly() -> None:
     assert found.high == 0
 
 
+@pytest.mark.parametrize(("late", "is_beyond"), [(3.0, False), (-3.0, False), (5.0, True), (-4.0, True)])
+def test_a_lag_at_which_the_search_ends_may_be_more_and_says_so(late: float, is_beyond: bool) -> None:
+    found = lag_between([(seen(0, 1), seen(late, 2)), (seen(0, 3), seen(late, 4))])
+    assert found is not None
+    assert found.is_late
+    assert (found.is_beyond, "or more" in str(found)) == (is_beyond, is_beyond)
+
+
 def test_noise_makes_no_sensor_late_and_what_hardly_moves_says_nothing() -> None:
     n_late = 0
     for seed in range(50):

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from recon.capture.checking.matches import Matches
 from recon.capture.checking.rows import RowFit, aligned, fit_rows
-from recon.capture.checking.sensor import _row_warnings
+from recon.capture.checking.sensor import _misfit, _row_warnings
 from recon.capture.checking.sensor_report import Rows, SensorReport
 from recon.depth.disparity_io import read_disparity
+from recon.geometry.rig import Camera, Sensor, rigid
 from recon.pipeline.reconstruct import match_files
 
 PIVOT = (160.0, 120.0)
@@ -92,3 +93,10 @@ def test_rows_are_promised_to_be_moved_together_only_where_they_will_be(left_px:
     (warning,) = _row_warnings(report, 0.6, None, is_told=False)
     assert told in warning
     assert ("move them together" in warning) is (left_px is not None)
+
+
+def test_rows_of_a_pair_whose_object_gives_no_match_are_as_far_apart_as_those_of_the_room() -> None:
+    K = np.array([[500.0, 0, 160], [0, 500, 120], [0, 0, 1]])
+    left = Camera(K, (320, 240), np.eye(4))
+    sensor = Sensor("S1", left, Camera(K, (320, 240), rigid(np.eye(3), (-100.0, 0, 0))))
+    assert _misfit(sensor, matches(0.8, 0.0, 0.0), Rows(3, None, None)) == pytest.approx(0.8 / np.sqrt(2), abs=0.2)

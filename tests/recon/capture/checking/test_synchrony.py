@@ -9,9 +9,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from recon.capture.checking.check import check_capture
-from recon.capture.checking.synchrony import MAX_LAG, MIN_MARGIN, lag
+from recon.capture.checking.continuity import Glance
+from recon.capture.checking.sensor_report import SensorReport
+from recon.capture.checking.synchrony import MAX_LAG, MIN_MARGIN, lag, would_lag_show
 from recon.capture.format import Capture, image_path
 from recon.studio import SynthParameters, synthesise
+from tests.recon.capture.calibration.board_geometry import record_board
 
 N = 40
 
@@ -79,3 +82,24 @@ def test_a_few_frames_of_several_sensors_could_not_be_checked(tmp_path: Path) ->
     synthesise(tmp_path / "few", SynthParameters("ball", n_sensors=2, n_frames=2, size=(160, 120)))
     sentences = check_capture(tmp_path / "few").warnings
     assert any("same instants could not be checked" in sentence for sentence in sentences)
+
+
+def glances_of(motion: list[float]) -> dict[int, Glance]:
+    levels = np.cumsum([0.0, *motion])
+    return {frame: Glance(np.full((2, 2), level, np.float32), frame) for frame, level in enumerate(levels)}
+
+
+@pytest.mark.parametrize(
+    ("n_frames", "size", "expected"),
+    [(30, 5.0, True), (12, 5.0, False), (30, 0.0, False), (1, 5.0, None)],
+    ids=["it moves", "few frames", "nothing moves", "one frame"],
+)
+def test_a_pair_is_said_to_be_of_one_time_only_where_motion_tells_it(
+    tmp_path: Path, n_frames: int, size: float, expected: bool | None
+) -> None:
+    (stream,) = record_board(tmp_path / "board", n_sensors=1, n_frames=1).sensors
+    motion = list(size * np.random.default_rng(0).random(n_frames - 1))
+    glances = {side.image: glances_of(motion) for side in stream.cameras}
+    assert would_lag_show(stream, glances) is expected
+    report = SensorReport("S1", 100.0, expected_error_mm=1.0, textured=0.9, are_instants_checked=expected)
+    assert ("whether its two cameras recorded at one time could not" in report.verdict()) is (expected is False)

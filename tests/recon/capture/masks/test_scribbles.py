@@ -156,6 +156,16 @@ def test_a_tried_mask_is_a_png_beside_the_picture_and_not_the_picture_itself(bal
     assert recorded.read_bytes() == before
 
 
+def test_trying_strokes_overwrites_neither_other_pictures_nor_the_strokes(ball: Capture, tmp_path: Path) -> None:
+    drawn = tmp_path / "strokes/S1/left" / f"{KEY}.png"
+    drawn.parent.mkdir(parents=True)
+    other = image_path(ball.folder, ball.sensors[0].left.image, KEY + 1)
+    drawn.write_bytes(other.read_bytes())
+    for out in (drawn, other):
+        with pytest.raises(ValueError, match="is one of the files that are read"):
+            try_strokes(ball.folder, tmp_path / "strokes", ("S1", "left", KEY), out)
+
+
 def test_strokes_that_are_not_there_are_named(ball: Capture, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"gone\.json: there is no such file or folder"):
         read_scribbles(tmp_path / "gone.json", ball)

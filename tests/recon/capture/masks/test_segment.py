@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture, CaptureError, image_path, read_capture, read_masks
 from recon.capture.importing.middlebury import import_middlebury
-from recon.capture.masks import segment
+from recon.capture.masks import evidence, segment
 from recon.capture.masks.evidence import dark_background_threshold
 from recon.capture.masks.segment import CleanUp, clean_mask, mask_on_dark, segment_capture
 from recon.runtime.files import read_json, write_json
@@ -222,6 +223,22 @@ def test_before_a_dark_background_an_outline_lies_where_half_of_the_contrast_is_
 def test_a_picture_of_one_brightness_has_no_threshold() -> None:
     with pytest.raises(CaptureError, match="equally bright"):
         dark_background_threshold(np.bincount([7] * 100, minlength=256))
+
+
+def test_a_sensor_whose_pictures_are_black_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = record_board(tmp_path / "capture")
+    monkeypatch.setattr(evidence, "read_frame", lambda *_: [np.zeros((9, 9, 3), np.uint8)] * 2)
+    with pytest.raises(CaptureError, match="sensor S1: all pixels are equally bright"):
+        segment_capture(capture.folder, method="threshold")
+
+
+def test_what_a_killed_process_of_the_same_number_left_becomes_no_mask(tmp_path: Path) -> None:
+    left = tmp_path / f".masks.{os.getpid()}.part/S1/mask/left/0099.png"
+    left.parent.mkdir(parents=True)
+    left.touch()
+    with segment._staged(tmp_path):
+        pass
+    assert list(tmp_path.rglob("*.png")) == []
 
 
 def test_the_temples_own_shadows_belong_to_it(real_data: Path) -> None:

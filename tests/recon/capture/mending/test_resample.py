@@ -14,6 +14,7 @@ from recon.capture.checking.lag import Lag
 from recon.capture.format import (
     Capture,
     CaptureError,
+    DepthMaps,
     frame_pictures,
     read_capture,
     read_frame,
@@ -46,21 +47,26 @@ def lag(frames: float) -> Lag:
     return Lag(frames, frames - 0.1, frames + 0.1, 9.0 if frames else 0.0)
 
 
+class _Stream:
+    def __init__(self, name: str) -> None:
+        self.id = name
+
+
+class _Capture:
+    folder, n_frames = Path(), 20
+
+    def __init__(self, ids: list[str]) -> None:
+        self.sensors = tuple(map(_Stream, ids))
+
+
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=3))
 def test_every_new_frame_is_of_one_instant_and_was_recorded_by_all(late: list[float]) -> None:
     ids = [f"S{k + 1}" for k in range(len(late) + 1)]
 
-    class _Stream:
-        def __init__(self, name: str) -> None:
-            self.id = name
-
-    class _Capture:
-        folder, n_frames, sensors = Path(), 20, tuple(map(_Stream, ids))
-
     lags = {(a, b): lag(round(by, 2)) for a, b, by in zip(ids, ids[1:], late, strict=False)}
     if not any(each.is_late for each in lags.values()):
         return
-    plan = schedule(_Capture(), lags)  # type: ignore[arg-type]
+    plan = schedule(_Capture(ids), lags)  # type: ignore[arg-type]
     behind = np.cumsum([0.0, *(each.frames if each.is_late else 0.0 for each in lags.values())])
     for frame in (0, plan.n_frames - 1):
         instants = []
@@ -130,6 +136,26 @@ def test_photographs_whose_suffix_is_in_capitals_are_copied_as_they_are(tmp_path
     made = resample(capture, {("S1", "S2"): lag(2.0)}, tmp_path / "b")
     taken, given = (frame_pictures(each.folder, each.sensors[1], at)[0].path for each, at in ((made, 0), (capture, 2)))
     assert taken.read_bytes() == given.read_bytes()
+
+
+def test_a_lag_that_may_be_more_than_was_searched_is_not_put_right_by_what_was() -> None:
+    with pytest.raises(CaptureError, match=r"how late S2 is to S1 is not known, but 3\.50 frames or more"):
+        schedule(_Capture(["S1", "S2"]), {("S1", "S2"): Lag(-3.5, -3.5, -3.2, 9.0, is_beyond=True)})  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_depth_maps_that_are_late_by_half_a_frame_are_each_taken_once(tmp_path: Path) -> None:
+    capture = synthesise(tmp_path / "a", SynthParameters("sphere", 2, 6, (48, 36)))
+    name = "S2/depth/{frame:04d}.npy"
+    for frame in range(6):
+        (tmp_path / "a/S2/depth").mkdir(parents=True, exist_ok=True)
+        np.save(tmp_path / "a" / name.format(frame=frame), np.full((36, 48), 1000.0 + frame))
+    second = replace(capture.sensors[1], depth=DepthMaps(name))
+    made = resample(replace(capture, sensors=(capture.sensors[0], second)), {("S1", "S2"): lag(0.5)}, tmp_path / "b")
+    taken = [float(np.load(tmp_path / "b" / name.format(frame=frame))[0, 0]) for frame in range(made.n_frames)]
+    assert np.diff(taken).tolist() == [1.0] * (made.n_frames - 1)
+    (told,) = moved(replace(capture, sensors=(capture.sensors[0], second)), {("S1", "S2"): lag(0.5)})
+    assert told.endswith("; of a sensor with depth maps, by the nearest whole frames")
 
 
 @pytest.mark.slow
