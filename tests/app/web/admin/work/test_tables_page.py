@@ -142,7 +142,7 @@ def test_a_column_that_may_be_practice_is_warned_about_in_words_of_the_page(eva:
 
 def test_what_more_may_be_said_of_a_table_is_told_by_the_page_s_fields(eva: Dashboard) -> None:
     assert "'Online' (to read one: “NAME” as Sheet below)" in reading(eva, "book.xlsx")
-    assert "expected 1 to 5 (another scale: “LOW:HIGH” as Scale of ratings below)" in reading(eva, "ratings.csv")
+    assert "expected 1 to 5 (another scale: “LOW:HIGH” as Scale of ratings below; " in reading(eva, "ratings.csv")
     assert "It holds ratings" in reading(eva, "ratings.csv", scale="1:9")
 
 
