@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from inspect import Parameter, Signature
@@ -68,8 +68,16 @@ class SignedIn:
     token: str
 
 
-async def check_request_text(request: Request) -> None:
+async def check_request_text(request: Request) -> AsyncIterator[None]:
     """Refuse a request whose JSON or form holds text that cannot be stored, before anything reads it."""
+    try:
+        await _check_text_of(request)
+        yield
+    finally:
+        await request.close()  # the files of a form
+
+
+async def _check_text_of(request: Request) -> None:
     if UPLOAD_PATH.fullmatch(request.url.path):
         return  # a file, whatever its type is said to be; it is not read into memory
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
