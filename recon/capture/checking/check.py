@@ -32,6 +32,7 @@ from recon.capture.checking.continuity import (
     is_one_camera_twice,
     is_reversed,
     level_ratios,
+    matched_levels,
     unlike,
 )
 from recon.capture.checking.diagnosis import Correction
@@ -213,9 +214,9 @@ def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> I
             tolerance = MAX_APART_PX * max(value for value in per_pixel if value is not None)
             comparison = compared(first.sensor, second.sensor, [shared for shared, _ in looks], tolerance)
             if comparison.is_known:
-                ratios = np.concatenate([ratios for _, ratios in looks])
-                brightness, are_reversed = unlike(ratios[:, 0], MAX_BRIGHTNESS), is_reversed(ratios[:, 4:])
-                comparison = replace(comparison, brightness=brightness, are_colours_reversed=are_reversed)
+                levels = np.concatenate([levels for _, levels in looks], axis=1)
+                brightness = unlike(level_ratios(levels)[:, 0], MAX_BRIGHTNESS)
+                comparison = replace(comparison, brightness=brightness, are_colours_reversed=is_reversed(levels))
             yield comparison
 
 
@@ -227,7 +228,7 @@ def _look_between(
         read_picture(frame_pictures(folder, stream, frame)[side]) for stream, side in zip(streams, (1, 0), strict=True)
     )
     shared = fitting(streams[0].sensor, streams[1].sensor, shared_points(*matches, match_pictures(right, left)))
-    return shared, level_ratios(right, left, Matches(shared.first.right, shared.second.left))
+    return shared, matched_levels(right, left, Matches(shared.first.right, shared.second.left))
 
 
 def _look_through(folder: Path, draft: Draft) -> tuple[Glances, Silhouettes, list[str]]:

@@ -109,8 +109,8 @@ def count_warnings(folder: Path, cameras: Iterable[CameraStream], n_frames: int)
             )
 
 
-def level_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Matches) -> NDArray[np.float64]:
-    """Compare how bright matched points are in two pictures, and of which colour.
+def matched_levels(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Matches) -> NDArray[np.float64]:
+    """Read the levels around matched points of two pictures.
 
     Parameters
     ----------
@@ -119,8 +119,7 @@ def level_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Mat
 
     Returns
     -------
-    float64 (N, 6): brightness of left by right, then red, green and blue as shares of it, NaN where it is dark; last,
-    red by blue in left, and in right
+    float64 (2, N, 4): grey, red, green and blue of the points in left, and in right
     """
     levels = []
     for image, points in ((left, matches.left), (right, matches.right)):
@@ -128,10 +127,13 @@ def level_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Mat
         smooth = cv2.blur(np.dstack([grey, image]), (5, 5)).astype(np.float64)
         columns, rows = np.round(points).astype(int).T
         levels.append(smooth[rows, columns])
-    ratios = levels[0] / np.where(np.minimum(*levels) > DARK_LEVELS, levels[1], np.nan)
-    ratios[:, 1:] /= ratios[:, :1]
-    tints = [(level[:, 1] + 1) / (level[:, 3] + 1) for level in levels]
-    return np.asarray(np.column_stack([ratios, *tints]))
+    return np.stack(levels)
+
+
+def level_ratios(levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Divide the levels (2, N, 4) of points in left by those in right: float64 (N, 4), NaN where it is dark."""
+    left, right = levels
+    return np.asarray(left / np.where(np.minimum(left, right) > DARK_LEVELS, right, np.nan))
 
 
 def unlike(ratios: NDArray[np.float64], most: float) -> float | None:
@@ -147,36 +149,38 @@ def unlike(ratios: NDArray[np.float64], most: float) -> float | None:
     return float(np.median(ratios)) if low > most or high < 1 / most else None
 
 
-def is_reversed(tints: NDArray[np.float64]) -> bool:
-    """Tell whether what is red in one picture is blue in the other, by red by blue (N, 2) of points that both show.
+def is_reversed(levels: NDArray[np.float64]) -> bool:
+    """Tell whether what is red in one picture is blue in the other, by the levels (2, N, 4) of points that both show.
 
     Another white balance changes all points alike, and keeps their order; noise of what is grey has none.
     """
-    is_coloured = len(tints) >= FEWEST_TINTS and np.ptp(tints, axis=0).all()
-    return bool(is_coloured and spearmanr(tints).statistic < LOWEST_TINT)
+    tints = (levels[..., 1] + 1) / (levels[..., 3] + 1)
+    is_coloured = tints.shape[1] >= FEWEST_TINTS and np.ptp(tints, axis=1).all()
+    return bool(is_coloured and spearmanr(*tints).statistic < LOWEST_TINT)
 
 
-def exposure_warnings(sensor_id: str, ratios: NDArray[np.float64]) -> Iterator[str]:
-    """Say that left and right are unlike bright or of other colours, by ratios (N, 6) of matches that agree."""
-    ratio = unlike(ratios[:, 0], MAX_LEFT_TO_RIGHT)
+def exposure_warnings(sensor_id: str, levels: NDArray[np.float64]) -> Iterator[str]:
+    """Say that left and right are unlike bright or of other colours, by levels (2, N, 4) at matches that agree."""
+    brightness, *colours = level_ratios(levels).T
+    ratio = unlike(brightness, MAX_LEFT_TO_RIGHT)
     if ratio is not None:
         yield (
             f"sensor {sensor_id}: the left pictures are {ratio:.2f} times as bright as the right ones at matched "
             "points; use the same exposure and gain"
         )
-    if is_reversed(ratios[:, 4:]):
+    if is_reversed(levels):
         yield (
             f"sensor {sensor_id}: what is red in the left pictures is blue in the right ones: one camera's order of "
             "red, green and blue is reversed; write both alike"
         )
         return
     apart = {
-        colour: ratio
-        for colour, column in zip(COLOURS, ratios.T[1:4], strict=True)
-        if (ratio := unlike(np.maximum(column, 1 / column), MAX_COLOUR)) is not None
+        name: ratio
+        for name, colour in zip(COLOURS, colours, strict=True)
+        if (ratio := unlike(np.maximum(colour / brightness, brightness / colour), MAX_COLOUR)) is not None
     }
     if apart:
-        told = " and ".join(f"{ratio:.2f} times in {colour}" for colour, ratio in apart.items())
+        told = " and ".join(f"{ratio:.2f} times in {name}" for name, ratio in apart.items())
         yield (
             f"sensor {sensor_id}: for their brightness, matched points differ {told} between the left and the right "
             "pictures (median); use the same white balance"

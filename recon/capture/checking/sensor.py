@@ -20,7 +20,7 @@ from recon.capture.checking.agreement import (
     agreeing_with_each_other,
     mirrored_problems,
 )
-from recon.capture.checking.continuity import exposure_warnings, level_ratios
+from recon.capture.checking.continuity import exposure_warnings, matched_levels
 from recon.capture.checking.depth import DepthCheck, bounds_area, check_depth_maps
 from recon.capture.checking.diagnosis import (
     MIN_ERROR_PX,
@@ -62,7 +62,7 @@ class _Look:
     frame : its number
     rectified : matches of the rectified pair, within the masks or bounds
     matches : of the pictures as recorded
-    left_to_right : (M, 6) of `level_ratios` at the matches
+    levels : (2, M, 4) of `matched_levels`
     textured : share of the area; None if there is none
     inside : share of the left mask that lies within the bounds; None without a mask, or if it is empty
     white : share of the area with two channels at the top, of the picture with more; None if there is no area
@@ -71,7 +71,7 @@ class _Look:
     frame: int
     rectified: Matches
     matches: Matches
-    left_to_right: NDArray[np.float64]
+    levels: NDArray[np.float64]
     textured: float | None
     inside: float | None
     white: float | None
@@ -148,7 +148,7 @@ def _with_pair(
     looks = [look for look in shots if look.frame not in swapped]
     matched = joined([look.matches for look in looks])
     agree = agreeing_with_each_other(stream.sensor, matched)
-    ratios = np.concatenate([np.zeros((0, 6)), *(look.left_to_right for look in looks)])
+    levels = np.concatenate([np.zeros((2, 0, 4)), *(look.levels for look in looks)], axis=1)
     matches = matched[agree]
     agreement = Agreement(len(matches), len(matched))
     rows = _rows(joined([look.rectified for look in looks]), rectification)
@@ -184,7 +184,7 @@ def _with_pair(
             *check.warnings,
             *(() if is_checked else (_unchecked(stream.id, agreement),)),
             *_row_warnings(report, misfit, correction, is_told=bool(row_faults)),
-            *(exposure_warnings(stream.id, ratios[agree]) if agreement.is_enough else ()),
+            *(exposure_warnings(stream.id, levels[:, agree]) if agreement.is_enough else ()),
             *_texture_warnings(report),
             *_white_warnings(stream, looks),
         ),
@@ -280,7 +280,7 @@ def _look(
         frame,
         rectified,
         matches,
-        level_ratios(left, right, matches),
+        matched_levels(left, right, matches),
         _textured(pair[0], areas[0]),
         float(bounds_area(stream.left.camera, bounds)[masks[0]].mean()) if masks and masks[0].any() else None,
         max(

@@ -10,7 +10,7 @@ import pytest
 
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.consistency import Shared, compared
-from recon.capture.checking.continuity import exposure_warnings, level_ratios, unlike
+from recon.capture.checking.continuity import exposure_warnings, matched_levels, unlike
 from recon.capture.checking.diagnosis import MIN_MATCHES
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, image_path, read_frame, write_capture
@@ -293,7 +293,7 @@ def test_colours_of_another_white_balance_or_order_are_named_and_those_of_noise_
     places = rng.uniform(10, 230, (80, 2))
 
     def told(other: np.ndarray) -> list[str]:
-        return list(exposure_warnings("S1", level_ratios(picture, other, Matches(places, places))))
+        return list(exposure_warnings("S1", matched_levels(picture, other, Matches(places, places))))
 
     assert told(noisy) == []
     (sentence,) = told(np.rint(noisy * (1.0, 1.0, 0.7)).astype(np.uint8))
@@ -311,11 +311,11 @@ def test_pale_colours_in_another_order_are_named_and_grey_is_not() -> None:
 
     def told(picture: np.ndarray, order: int) -> list[str]:
         left, right = (np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8) for _ in range(2))
-        levels = level_ratios(left, np.ascontiguousarray(right[..., ::order]), Matches(places, places))
+        levels = matched_levels(left, np.ascontiguousarray(right[..., ::order]), Matches(places, places))
         return list(exposure_warnings("S1", levels))
 
     assert [told(grey * tint, 1), told(grey * np.ones(3), 1), told(grey * np.ones(3), -1)] == [[], [], []]
-    alike = level_ratios(plain := np.full((240, 320, 3), 90, np.uint8), plain, Matches(places, places))
+    alike = matched_levels(plain := np.full((240, 320, 3), 90, np.uint8), plain, Matches(places, places))
     assert list(exposure_warnings("S1", alike)) == []
     assert ["order of red, green and blue is reversed" in sentence for sentence in told(grey * tint, -1)] == [True]
 
