@@ -113,7 +113,8 @@ def test_counts_and_logs_of_all_workers_name_routes_and_no_secrets(url: str, tmp
         port = client.base_url.port
         assert port is not None
         send(port, bundles)
-        assert client.get("/s/invented-code", headers={"X-Request-ID": "abcdef123456"}).status_code == 404
+        unknown = client.get("/s/invented-code", headers={"X-Request-ID": "abcdef123456"})
+        assert (unknown.status_code, unknown.headers["x-request-id"]) == (404, "abcdef123456")
         metrics = client.get("/metrics").text
         dashboard = stack.enter_context(signed_in(str(client.base_url), settings, "ada"))
         live = f"/admin/studies/{manage.list_studies(settings)[0]['slug']}/live"
