@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, critical_value
 from app.analysis.ratings.opinion_scores import mean_with_interval
 from app.analysis.ratings.table import ComparisonTable
+from app.analysis.reading.phrases import listed
 from app.analysis.reading.votes_table import ALL
 
 Array = NDArray[np.float64]
@@ -61,12 +62,11 @@ def analyse_comparisons(table: ComparisonTable) -> dict[str, list[dict[str, Any]
         fit = _fit(part)
         scores += _score_rows(ALL, conditions, part, fit)
         models.append(_model_row(ALL, part, fit))
-    warnings = [{"warning": text} for row in models for text in _warnings(row)]
     return {
         "comparison_pairs": pairs,
         "comparison_items": scores,
         "comparison_models": models,
-        "rating_warnings": warnings,
+        "rating_warnings": [{"warning": text} for text in _warnings(models)],
     }
 
 
@@ -261,11 +261,21 @@ def _model_row(dataset: str, part: _Part, fit: _Fit) -> dict[str, Any]:
     }
 
 
-def _warnings(row: dict[str, Any]) -> Iterator[str]:
-    named = "all datasets together" if row["dataset"] == ALL else f"dataset {row['dataset']}"
-    where = f"comparisons, {named}" if row["dataset"] else "comparisons"
+def _warnings(models: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Yield what is to know of the fits, each sentence once."""
+    datasets: dict[str, list[str]] = {}
+    for row in models:
+        for text in _about(row):
+            datasets.setdefault(text, []).append(row["dataset"])
+    for text, names in datasets.items():
+        single = [name for name in names if name not in (ALL, "")]
+        where = f", dataset{'s' if len(single) > 1 else ''} {listed(single)}" if single else ""
+        yield f"comparisons{where}{', all datasets together' if ALL in names else ''}: {text}"
+
+
+def _about(row: dict[str, Any]) -> Iterator[str]:
     if row["status"] != "ok":
-        yield f"{where}: no pair links some conditions to the others, so there are no scores"
+        yield "no pair links some conditions to the others, so there are no scores"
     if row["order_left_out"] is not None:
         advice = "; show each pair in both orders" if row["order_left_out"] == NOT_BOTH else ""
-        yield f"{where}: {row['order_left_out']}, so no order effect is taken off, and means are plain{advice}"
+        yield f"{row['order_left_out']}, so no order effect is taken off, and means are plain{advice}"

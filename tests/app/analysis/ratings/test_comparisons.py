@@ -145,6 +145,14 @@ def test_conditions_that_no_pair_links_have_no_scores() -> None:
     assert tables["comparison_models"][0]["status"] == "disconnected"
 
 
+def test_what_to_know_of_several_datasets_is_said_once_with_their_names() -> None:
+    items = tuple((dataset, condition) for dataset in ("ball", "box", "bust") for condition in ("c0", "c1"))
+    a = np.array([0, 2, 4])
+    table = ComparisonTable(("p0",), items, np.zeros(3, int), a, a + 1, np.ones(3), np.ones(3, bool))
+    (warning,) = (row["warning"] for row in analyse_comparisons(table)["rating_warnings"])
+    assert warning.startswith("comparisons, datasets ball, box and bust, all datasets together: the orders cannot tell")
+
+
 def test_of_a_single_participant_no_intervals_are_promised() -> None:
     tables = analyse_comparisons(comparisons([(0, 0, 1, 1, True), (0, 1, 2, 2, False)]))
     said = " ".join(row["text"] for row in rating_findings(tables))
