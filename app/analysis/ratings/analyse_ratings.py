@@ -33,7 +33,7 @@ from app.analysis.screening.careless import FALSE_ALARMS
 
 Z = critical_value(None)
 UNLIKE = "ratings unlike the others'"
-ONE_GRADE = "the same grade throughout"
+ONE_GRADE = "the same rating throughout"
 FEWEST_ALIKE = 10  # ratings, all of one grade, which nobody gives who looks
 WHY_NO_MODEL = {
     "disconnected": "to tell biases and qualities apart takes two participants or more with three ratings each, linked "

@@ -250,6 +250,8 @@ def _model_row(dataset: str, part: _Part, fit: _Fit) -> dict[str, Any]:
     second, first = ((part.rating * part.order * side > 0).sum() for side in (1, -1))
     return {
         "dataset": dataset,
+        "low": -part.high,
+        "high": part.high,
         "n_ratings": len(part.rating),
         "n_participants": fit.n_participants,
         "order_effect": fit.order_effect,

@@ -75,9 +75,9 @@ def _raters(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     text = (
         "Bias is how much higher a participant rates than the others, inconsistency the standard deviation of what "
         "quality and bias do not explain. Unusual are ratings that go with the others' so little that fewer than 0.05 "
-        "honest people of the whole study would look so (Rosner's test of correlations), or one grade throughout. "
-        "Remarks are no flags: the screening of observers of ITU-R BT.500, and a correlation with the mean scores "
-        "below 0.75 (VQEG HDTV test plan, Annex I), name honest people, too. All count in the scores."
+        "honest people of the whole study would look so (Rosner's test of correlations), or the same rating "
+        "throughout. Remarks are no flags: the screening of observers of ITU-R BT.500, and a correlation with the mean "
+        "scores below 0.75 (VQEG HDTV test plan, Annex I), name honest people, too. All count in the scores."
     )
     rows = [
         row

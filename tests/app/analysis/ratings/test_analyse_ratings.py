@@ -51,6 +51,14 @@ def test_a_difference_on_which_all_agree_rests_on_a_sign_test_and_has_no_interva
     )
 
 
+@pytest.mark.parametrize(("high", "unit"), [(5, "grades"), (11, "grades"), (100, "points")])
+def test_a_difference_is_in_the_unit_of_the_scale(high: float, unit: str) -> None:
+    person, item = np.divmod(np.arange(24), 2)
+    table = rating_table(person, item, np.array([5.0, 3.0])[item], scale=(1.0, high))
+    said = {row["about"]: row["text"] for row in rating_findings(analyse_ratings(table))}
+    assert said["difference"].startswith(f"Participants rate c0 2.00 {unit} above c1")
+
+
 def test_a_condition_on_easy_datasets_alone_is_not_called_best_before_one_that_beats_it_there() -> None:
     """c0 is rated on d0 alone, where c1 is better; d1 is harder."""
     means = {(0, 0): 4.0, (0, 1): 4.6, (0, 2): 2.4, (1, 1): 2.6, (1, 2): 2.2}

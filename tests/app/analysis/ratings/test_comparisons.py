@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -116,6 +117,11 @@ def test_a_pair_in_one_order_cannot_tell_the_order_from_the_items() -> None:
     assert "least squares scale in grades, 95 % intervals" in rating_findings(tables)[-1]["text"]
     both_orders = analyse_comparisons(comparisons([(0, 0, 1, 2, True), (1, 0, 1, 1, False)]))
     assert "with the order effect taken off" in rating_findings(both_orders)[-1]["text"]
+
+
+def test_the_settings_name_the_unit_of_the_scale() -> None:
+    table = replace(comparisons([(0, 0, 1, 2, True), (1, 0, 1, 1, True)]), high=100.0)
+    assert "least squares scale in points" in rating_findings(analyse_comparisons(table))[-1]["text"]
 
 
 def test_datasets_are_scored_alone_and_together() -> None:
