@@ -15,7 +15,7 @@ from app.analysis.model.bradley_terry import RIDGE
 from app.analysis.model.contrasts import has_few_participants
 from app.analysis.model.settings import LEVEL
 from app.analysis.objective.permutation import FEWEST_CONDITIONS
-from app.analysis.reading.phrases import listed
+from app.analysis.reading.phrases import counted, listed
 from app.analysis.reading.votes_table import ALL, VotesTable
 
 NOTHING_LEFT = "No vote is left after practice and exclusions: there is nothing to analyse."
@@ -148,12 +148,15 @@ def _fit_warnings(comparison: Comparison) -> Iterator[str]:
         total = len(comparison.bootstrap.scores) + comparison.bootstrap.n_without_maximum
         missing = comparison.bootstrap.n_without_maximum
         has_percentiles = comparison.bootstrap.has_percentiles(fit.n_participants or 0)
-        what = "are left out" if has_percentiles else "are too many for percentiles to hold"
-        yield f"{missing} of {total} bootstrap replicates have no maximum and {what}"
+        have, are = ("has", "is") if missing == 1 else ("have", "are")
+        what = "left out" if has_percentiles else "too many for percentiles to hold"
+        yield f"{missing} of {counted(total, 'bootstrap replicate')} {have} no maximum and {are} {what}"
     elif comparison.bootstrap is not None and not has_few_participants(fit):
         n_replicates, fewest = len(comparison.bootstrap.scores), fewest_replicates(fit.n_participants or 0)
         if n_replicates < fewest:
-            yield f"{n_replicates} bootstrap replicates are too few for percentiles: t intervals stand; take {fewest}"
+            are = "is" if n_replicates == 1 else "are"
+            few = f"{counted(n_replicates, 'bootstrap replicate')} {are} too few"
+            yield f"{few} for percentiles: t intervals stand; take {fewest}"
 
 
 def _repeats(votes: VotesTable) -> list[str]:

@@ -396,6 +396,8 @@ def test_few_replicates_have_no_percentiles() -> None:
 def test_too_few_replicates_are_said_and_the_number_that_is_named_is_enough() -> None:
     many = ("aab", "aba", "bba", "bab", "aaa") * 4
     (said,) = [text for text in analysed(*many, bootstrap=20, seed=1)["warnings"] if "too few for percentiles" in text]
+    (one,) = [text for text in analysed(*many, bootstrap=1, seed=1)["warnings"] if "too few for percentiles" in text]
+    assert "1 bootstrap replicate is too few" in one
     enough = int(said.rpartition(" ")[2])
     assert {row["ci_method"] for row in analysed(*many, bootstrap=enough, seed=1)["scores"]} == {
         "participant bootstrap"
