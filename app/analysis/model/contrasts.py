@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from string import ascii_letters
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -323,4 +324,6 @@ def _absorbed(groups: Sequence[frozenset[str]]) -> list[frozenset[str]]:
 
 
 def _letter(place: int) -> str:
-    return chr(ord("a") + place) if place < 26 else f"({place})"
+    """Return a to z, A to Z, then a. to Z., a.. and so on, as multcompView does."""
+    dots, letter = divmod(place, len(ascii_letters))
+    return ascii_letters[letter] + "." * dots
