@@ -76,8 +76,10 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
     if model["disagreement"] is not None:
         yield finding("disagreement", _disagreement(model))
     yield finding("participants", f"{_outstanding(raters)}{_others(raters)} {_rules(raters)}")
+    has_intervals = any(row["ci_low"] is not None for row in (*tables["rating_items"], *tables["rating_conditions"]))
     shown = (
-        "with 95 % intervals by t; all pairs of conditions compared within participants and corrected by Holm"
+        f"{'with 95 % intervals by t' if has_intervals else 'without intervals'}; all pairs of conditions compared "
+        "within participants and corrected by Holm"
         if n_people > 1
         else "without intervals and tests"
     )
@@ -198,7 +200,9 @@ def _comparisons(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]
         conditions = [
             Condition(row["condition"], number_with_interval(row, "score", show=signed), None) for row in rows
         ]
-        why = "a single participant rated" if people[dataset] == 1 else "intervals of these scores are given, not tests"
+        why = "intervals of these scores are given, not tests"
+        if all(row["ci_low"] is None for row in rows):
+            why = "a single participant rated" if people[dataset] == 1 else "all participants agree exactly"
         on = f" on {dataset}" if len(shown) > 1 else ""
         yield untested_ranking(conditions, f"comparison rating{on}", why)
     yield from _limits(max(people.values()))

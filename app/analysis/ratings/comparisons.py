@@ -12,10 +12,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, critical_value
-from app.analysis.ratings.opinion_scores import mean_with_interval
+from app.analysis.ratings.opinion_scores import ALIKE, limits, mean_with_interval
 from app.analysis.ratings.table import ComparisonTable
 from app.analysis.reading.phrases import listed
 from app.analysis.reading.votes_table import ALL
+from app.analysis.warnings import no_interval
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -66,7 +67,7 @@ def analyse_comparisons(table: ComparisonTable) -> dict[str, list[dict[str, Any]
         "comparison_pairs": pairs,
         "comparison_items": scores,
         "comparison_models": models,
-        "rating_warnings": [{"warning": text} for text in _warnings(models)],
+        "rating_warnings": [{"warning": text} for text in _warnings(models, scores)],
     }
 
 
@@ -161,7 +162,7 @@ def _fit(part: _Part) -> _Fit:
         covariance=None if covariance is None else covariance[:n_items, :n_items],
         least_se=np.sqrt(variance * np.diag(inverse)[:n_items]),
         order_effect=float(estimate[n_items]) if has_order else None,
-        order_se=None if covariance is None or not has_order else float(np.sqrt(covariance[n_items, n_items])),
+        order_se=float(np.sqrt(covariance[n_items, n_items])) if covariance is not None and has_order else None,
         order_influence=spread[:, n_items],
         n_participants=n_participants,
         n_groups=n_groups,
@@ -210,8 +211,7 @@ def _pair_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> I
         if (n := len(means)) > 1:
             influence = -fit.order_influence * surplus.mean()
             influence[there] += (means - means.mean()) / np.sqrt(n * (n - 1))
-            half = critical_value(n) * float(np.linalg.norm(influence))
-            scores |= {"ci_low": scores["mean"] - half, "ci_high": scores["mean"] + half}
+            scores |= limits(scores["mean"], critical_value(n), float(np.linalg.norm(influence)))
         yield {
             "dataset": dataset,
             "item_a": conditions[part.conditions[first]],
@@ -241,8 +241,8 @@ def _score_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> 
         row |= dict.fromkeys(("se", "ci_low", "ci_high"))
         if fit.covariance is not None:
             error = float(np.sqrt(fit.covariance[number, number]))
-            half = max(factor * error, critical_value(None) * float(fit.least_se[number]))
-            row |= {"se": error, "ci_low": score - half, "ci_high": score + half}
+            row["se"] = error if error > ALIKE else None
+            row |= limits(score, factor, error, critical_value(None) * float(fit.least_se[number]))
         yield row
 
 
@@ -255,7 +255,7 @@ def _model_row(dataset: str, part: _Part, fit: _Fit) -> dict[str, Any]:
         "n_ratings": len(part.rating),
         "n_participants": fit.n_participants,
         "order_effect": fit.order_effect,
-        "order_se": fit.order_se,
+        "order_se": None if fit.order_se is None or fit.order_se <= ALIKE else fit.order_se,
         "order_left_out": fit.no_order,
         "n_second_better": int(second) if part.has_order else None,
         "n_first_better": int(first) if part.has_order else None,
@@ -263,11 +263,12 @@ def _model_row(dataset: str, part: _Part, fit: _Fit) -> dict[str, Any]:
     }
 
 
-def _warnings(models: Sequence[dict[str, Any]]) -> Iterator[str]:
+def _warnings(models: Sequence[dict[str, Any]], scores: Sequence[dict[str, Any]]) -> Iterator[str]:
     """Yield what is to know of the fits, each sentence once."""
     datasets: dict[str, list[str]] = {}
     for row in models:
-        for text in _about(row):
+        agreed = [each["condition"] for each in scores if each["dataset"] == row["dataset"] and each["se"] is None]
+        for text in (*_about(row), *no_interval(agreed if row["n_participants"] > 1 else ())):
             datasets.setdefault(text, []).append(row["dataset"])
     for text, names in datasets.items():
         single = [name for name in names if name not in (ALL, "")]

@@ -99,7 +99,7 @@ def _alignment(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         return {"title": "Ratings and votes on one scale", "paragraphs": [text], "figures": [], "tables": []}
     whose = "participants as the sample" if model["n_participants"] else "votes and ratings taken as independent"
     intervals = (
-        "There are no intervals, as a single participant voted, or rated"
+        "There are no intervals, as a single participant voted, or rated, or all agree exactly"
         if model["slope_low"] is None
         else f"Intervals are 95 %, with {whose}"
     )

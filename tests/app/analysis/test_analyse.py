@@ -406,14 +406,15 @@ def test_too_few_replicates_are_said_and_the_number_that_is_named_is_enough() ->
 
 
 def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
-    for choices in (["aaa"] * 5, ["aba"]):
+    alone, alike = "a single participant voted", "no intervals, as participants agree too exactly"
+    for choices, why in ((["aaa"] * 5, "no finite maximum"), (["aab"] * 5, alike), (["aab"], alone)):
         analysis = analysed(*choices)
         (model,) = only(analysis["models"], dataset="all")
         assert model["n_participants"] == len(choices)
         for row in analysis["scores"]:
             assert row["score"] is not None
             assert (row["ci_low"], row["ci_high"], row["ci_method"]) == (None, None, None)
-    assert any("a single participant voted" in warning for warning in analysis["warnings"])
+        assert any(why in warning for warning in analysis["warnings"])
 
 
 def test_a_bootstrap_of_people_who_all_vote_alike_gives_no_interval() -> None:
@@ -433,6 +434,7 @@ def test_people_of_opposite_orders_leave_intervals_where_they_differ(n_people: i
         assert by_item[item]["ci_high"] > 0.3
         assert by_item[item]["se_participant"] > 0.1
         assert by_item[item]["ci_method"] is not None
+    assert any("no interval of y, on which" in warning for warning in analysis["warnings"])
     assert [by_item["y"][name] for name in ("se_participant", "ci_low", "ci_high", "ci_method")] == [None] * 4
     assert {row["p_best"] for row in by_item.values()} == {None}
     for row in only(analysis["contrasts"], dataset="all"):

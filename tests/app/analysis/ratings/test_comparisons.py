@@ -151,6 +151,19 @@ def test_conditions_that_no_pair_links_have_no_scores() -> None:
     assert tables["comparison_models"][0]["status"] == "disconnected"
 
 
+def test_comparisons_on_which_all_agree_exactly_have_no_interval() -> None:
+    pairs = ((0, 1, 1.0), (1, 2, 1.0), (0, 2, 2.0))
+    tables = analyse_comparisons(comparisons([(p, a, b, r, p % 2 == 0) for p in range(14) for a, b, r in pairs]))
+    for row in (*tables["comparison_pairs"], *tables["comparison_items"]):
+        assert (row["ci_low"], row["ci_high"], row.get("se")) == (None, None, None)
+    assert tables["comparison_models"][0]["order_se"] is None
+    (warning,) = (row["warning"] for row in tables["rating_warnings"])
+    said = " ".join(row["text"] for row in rating_findings(tables))
+    assert "not tested: all participants agree exactly." in said
+    assert "intervals of these" not in said
+    assert warning.startswith("comparisons, dataset d: no interval of c0, c1 and c2, on which all agree exactly")
+
+
 def test_what_to_know_of_several_datasets_is_said_once_with_their_names() -> None:
     items = tuple((dataset, condition) for dataset in ("ball", "box", "bust") for condition in ("c0", "c1"))
     a = np.array([0, 2, 4])
@@ -195,8 +208,9 @@ def test_both_orders_are_asked_for_only_where_they_would_tell_the_order_effect(
         np.full(4, rating), first, has_order=has_order,
     )  # fmt: skip
     tables = analyse_comparisons(table)
-    (warning,) = (row["warning"] for row in tables["rating_warnings"])
+    warning, agreed = (row["warning"] for row in tables["rating_warnings"])
     assert warning.startswith("comparisons: ")
+    assert agreed.startswith("comparisons: no interval of c0 and c1")
     assert ("show each pair in both orders" in warning) == helps
     assert (tables["comparison_models"][0]["n_first_better"] is not None) == has_order
     assert (tables["comparison_pairs"][0]["n_a_first"] is not None) == has_order
