@@ -44,7 +44,13 @@ def participant_covariance(fit: Fit, votes: VotesTable) -> Array | None:
 
 
 def is_agreement(is_alike: NDArray[np.bool_], n_participants: int) -> bool:
-    """Do scores say nothing of other people, as none varies between participants, or of two people not all do?"""
+    """Do scores say nothing of other people, as none varies between participants, or of two people not all do?
+
+    Parameters
+    ----------
+    is_alike : bool (n,), do participants agree on a score exactly?
+    n_participants : their number
+    """
     return bool(is_alike.all() or (n_participants == 2 and is_alike.any()))
 
 
