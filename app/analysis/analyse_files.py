@@ -19,6 +19,7 @@ from app.analysis.ratings.score_sets import comparison_score_sets, opinion_score
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading.attributes import MeasureValues, read_items, read_measures, read_participants
 from app.analysis.reading.description import Told
+from app.analysis.reading.phrases import counted
 from app.analysis.reading.read_votes import understand_votes
 from app.analysis.reading.sources import WARNING, Source, in_several
 from app.analysis.reading.votes_table import ALL, VotesError, VotesTable
@@ -194,8 +195,8 @@ def _refuse_nothing(votes: Mapping[str, Any], source: str) -> None:
     """Raise if no vote counts."""
     if not votes["analysed"]:
         raise VotesError(
-            f"{source}: none of the {votes['votes']} votes counts: {votes['practice']} practice, {votes['checks']} "
-            f"checks, {votes['excluded']} excluded; expected at least one other"
+            f"{source}: none of {counted(votes['votes'], 'vote')} counts: {votes['practice']} practice, "
+            f"{votes['checks']} checks, {votes['excluded']} excluded; expected at least one other"
         )
 
 

@@ -12,10 +12,10 @@ from scipy.stats import t as student
 from app.analysis.comparisons.comparison import Comparison
 from app.analysis.model.bootstrap import fewest_replicates
 from app.analysis.model.bradley_terry import RIDGE
-from app.analysis.model.contrasts import has_few_participants
+from app.analysis.model.contrasts import half_widths, has_few_participants, scores_of
 from app.analysis.model.settings import LEVEL
 from app.analysis.objective.permutation import FEWEST_CONDITIONS
-from app.analysis.reading.phrases import listed
+from app.analysis.reading.phrases import counted, listed
 from app.analysis.reading.votes_table import ALL, VotesTable
 
 NOTHING_LEFT = "No vote is left after practice and exclusions: there is nothing to analyse."
@@ -144,16 +144,31 @@ def _fit_warnings(comparison: Comparison) -> Iterator[str]:
         yield f"{len(fit.counts.first)} pairs are analysed and not listed"
     if fit.theta is not None and fit.covariance is None:
         yield f"no errors are given for as many as {len(fit.items)} items"
+    if fit.status == "ok" and fit.covariance is not None and (fit.n_participants or 0) > 1:
+        half = half_widths(scores_of(fit))
+        if half is None:
+            yield "no intervals, as participants agree too exactly to tell how much other people would differ"
+        else:
+            yield from no_interval([item for item, each in zip(fit.items, half, strict=True) if np.isnan(each)])
     if comparison.bootstrap is not None and comparison.bootstrap.n_without_maximum:
         total = len(comparison.bootstrap.scores) + comparison.bootstrap.n_without_maximum
         missing = comparison.bootstrap.n_without_maximum
         has_percentiles = comparison.bootstrap.has_percentiles(fit.n_participants or 0)
-        what = "are left out" if has_percentiles else "are too many for percentiles to hold"
-        yield f"{missing} of {total} bootstrap replicates have no maximum and {what}"
+        have, are = ("has", "is") if missing == 1 else ("have", "are")
+        what = "left out" if has_percentiles else "too many for percentiles to hold"
+        yield f"{missing} of {counted(total, 'bootstrap replicate')} {have} no maximum and {are} {what}"
     elif comparison.bootstrap is not None and not has_few_participants(fit):
         n_replicates, fewest = len(comparison.bootstrap.scores), fewest_replicates(fit.n_participants or 0)
         if n_replicates < fewest:
-            yield f"{n_replicates} bootstrap replicates are too few for percentiles: t intervals stand; take {fewest}"
+            are = "is" if n_replicates == 1 else "are"
+            few = f"{counted(n_replicates, 'bootstrap replicate')} {are} too few"
+            yield f"{few} for percentiles: t intervals stand; take {fewest}"
+
+
+def no_interval(names: Sequence[str]) -> list[str]:
+    """Return the sentence on scores without an interval, as all participants agree on them; none without names."""
+    why = "on which all agree exactly: that does not tell how much other people would differ"
+    return [f"no interval of {listed(names)}, {why}"] if names else []
 
 
 def _repeats(votes: VotesTable) -> list[str]:

@@ -8,7 +8,7 @@ import typer
 
 from app.operations.commands.analysis import Plan
 from app.study.planning import MOST_PARTICIPANTS
-from recon.cli.console import ProgressLine, print_result
+from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 
 app = typer.Typer()
@@ -30,7 +30,8 @@ def plan(asked: Plan, *, as_json: bool) -> None:
     effect = f"{asked.effect:g} {unit}"
     single, pooled = (result[f"detectable{suffix}_{where}"] for where in ("one_dataset", "pooled"))
     sentences = (
-        f"{n_trials} trials for each of {asked.participants} participants: about {result['minutes']} minutes.\n"
+        f"{counted(n_trials, 'trial')} for each of {asked.participants} participants: "
+        f"about {counted(result['minutes'], 'minute')}.\n"
         f"A difference of {effect} is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
         f"{result['power_pooled']:.2f} over all (claim: {asked.claim}).\n"
         f"Found with a power of 0.8: {_detectable(single, unit)} in one dataset, {_detectable(pooled, unit)} over all."

@@ -80,7 +80,8 @@ def ratings_section(results: Results) -> Iterator[Section]:
         return
     ratings, scores = results.answers["ratings"], results.scores(ALL, ALL)
     rows = [
-        (row["condition"], f"{row['mos']:.2f}", f"{row['ci_low']:.2f} to {row['ci_high']:.2f}",
+        (row["condition"], f"{row['mos']:.2f}",
+         "–" if row["ci_low"] is None else f"{row['ci_low']:.2f} to {row['ci_high']:.2f}",
          _signed(scores.get(row["condition"])))
         for row in sorted(ratings["rating_conditions"], key=lambda row: -row["mos"])
     ]  # fmt: skip

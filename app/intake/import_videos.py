@@ -223,7 +223,8 @@ def _check_complete(
     n_practice = len(videos) - len(compared)
     if practice is not None and n_practice != 2:
         raise StimuliError(
-            f"{folder / practice}: has {n_practice} videos; practice needs two, one of them clearly better"
+            f"{folder / practice}: has {n_practice} video{'s' * (n_practice != 1)}; practice needs two, one of them "
+            "clearly better"
         )
 
 

@@ -64,12 +64,14 @@ def plan_on_server(protocol: Protocol, assumed: Mapping[str, Any]) -> Mapping[st
 
 @lru_cache(maxsize=64)
 def _plan_on_server(asked: Plan) -> Mapping[str, Any]:
+    from app.analysis.reading.phrases import counted
+
     n_pairs = asked.conditions * (asked.conditions - 1) // 2 * asked.datasets
     if n_pairs > MOST_PAIRS or asked.participants > MOST_PEOPLE:
         raise InvalidError(
-            f"A study of {asked.conditions} conditions in {asked.datasets} datasets has {n_pairs} pairs, here "
-            f"for {asked.participants} participants; this server simulates {MOST_PAIRS} at most, for {MOST_PEOPLE} "
-            f"participants. `reconstudy plan` on a computer of your own has no such limit."
+            f"A study of {asked.conditions} conditions in {counted(asked.datasets, 'dataset')} has {n_pairs} pairs, "
+            f"here for {asked.participants} participants; this server simulates {MOST_PAIRS} at most, for "
+            f"{MOST_PEOPLE} participants. `reconstudy plan` on a computer of your own has no such limit."
         )
     result = simulated_plan(asked)
     unit = "" if asked.is_rated else "_jod"

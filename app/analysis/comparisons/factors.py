@@ -24,9 +24,9 @@ from app.analysis.model.contrasts import (
     half_widths,
     has_few_participants,
     letters,
+    or_none,
 )
-from app.analysis.model.likelihood.fit import Fit
-from app.analysis.model.likelihood.participant_errors import ALIKE
+from app.analysis.model.likelihood.fit import ALIKE, Fit
 from app.analysis.reading.votes_table import ALL, VotesTable
 
 Array = NDArray[np.float64]
@@ -207,17 +207,18 @@ def _levels_of(fit: Fit, factors: Factors) -> Iterator[tuple[str, Estimates]]:
 
 def _effects(levels: Estimates, factor: str, dataset: str, shown: Mapping[str, str]) -> Iterator[Effect]:
     """Yield the effects of a factor's levels; `shown` has the letters of each."""
-    unknown: list[float | None] = [None] * len(levels.names)
     se, clustered, half = np.sqrt(np.diag(levels.covariance)), levels.participant_covariance, half_widths(levels)
+    half = np.full(len(se), np.nan) if half is None else half
+    between = np.full(len(se), np.nan) if clustered is None else np.sqrt(np.maximum(np.diag(clustered), 0.0))
     columns = (
         levels.names,
         levels.values.tolist(),
         se.tolist(),
-        unknown if clustered is None else np.sqrt(np.maximum(np.diag(clustered), 0.0)).tolist(),
+        or_none(np.where(np.isnan(half), np.nan, between)),
         [shown.get(name, "") for name in levels.names],
         [levels.n_participants] * len(levels.names),
-        unknown if half is None else (levels.values - half).tolist(),
-        unknown if half is None else (levels.values + half).tolist(),
+        or_none(levels.values - half),
+        or_none(levels.values + half),
     )
     for row in zip(*columns, strict=True):
         yield Effect(dataset, factor, *row)

@@ -12,6 +12,7 @@ from app.analysis.comparisons.factors import ModelTest
 from app.analysis.comparisons.homogeneity import Part, parts_differ
 from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.settings import AnalysisSettings
+from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError, VotesTable, only_compared
 
 Groupings = Mapping[str, Mapping[str, str]]  # grouping -> participant -> group; missing participants have none
@@ -51,8 +52,8 @@ def check_groups(votes: VotesTable, groupings: Groupings) -> None:
             raise VotesError(f"the grouping {grouping!r} needs votes whose participants are recorded")
         if not set(group_by_participant).intersection(votes.participants):
             raise VotesError(
-                f"none of the {len(votes.participants)} participants, e.g. {votes.participants[0]!r}, has a value of "
-                f"the grouping {grouping!r}"
+                f"none of {counted(len(votes.participants), 'participant')}, e.g. {votes.participants[0]!r}, has a "
+                f"value of the grouping {grouping!r}"
             )
 
 

@@ -12,8 +12,8 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from app.analysis.comparisons.factors import ModelTest
-from app.analysis.model.likelihood.fit import Fit
-from app.analysis.model.likelihood.participant_errors import ALIKE, participant_gradients
+from app.analysis.model.likelihood.fit import ALIKE, Fit
+from app.analysis.model.likelihood.participant_errors import participant_gradients
 from app.analysis.reading.votes_table import VotesTable, numbered
 
 Array = NDArray[np.float64]

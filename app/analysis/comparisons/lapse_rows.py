@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from app.analysis.comparisons.comparison import Comparison
+from app.analysis.model.contrasts import or_none
 from app.analysis.model.lapses import fit_lapses
 from app.analysis.reading.votes_table import ALL
 
@@ -29,7 +30,7 @@ def lapse_tables(compared: Sequence[Comparison]) -> tuple[dict[str, list[dict[st
         if isinstance(lapses, str):
             return tables, [f"there are no scores with lapse rates: {lapses}"]
         ends = lapses.scores - lapses.half, lapses.scores + lapses.half
-        columns = (part.tolist() for part in (lapses.scores, lapses.errors, *ends))
+        columns = (or_none(part) for part in (lapses.scores, lapses.errors, *ends))
         tables["lapse_scores"] = [
             dict(zip(("item", "score", "se", "ci_low", "ci_high"), numbers, strict=True))
             for numbers in zip(row.fit.items, *columns, strict=True)

@@ -12,7 +12,7 @@ from app.analysis.comparisons.comparison import Comparison
 from app.analysis.comparisons.groups import GroupComparison
 from app.analysis.model.bootstrap import Bootstrap
 from app.analysis.model.bradley_terry import fit_pairs, fit_scores
-from app.analysis.model.contrasts import Contrast, half_widths, has_few_participants, letters, scores_of
+from app.analysis.model.contrasts import Contrast, half_widths, has_few_participants, letters, or_none, scores_of
 from app.analysis.model.distance_prior import fit_with_prior
 from app.analysis.model.likelihood.counts import count_pairs
 from app.analysis.model.likelihood.fit import Fit
@@ -98,11 +98,8 @@ def _thurstone_columns(comparison: Comparison, jod_prior: str) -> list[dict[str,
     scores, low, high = _thurstone(comparison, jod_prior)
     if scores is None:
         return [nothing for _ in comparison.fit.items]
-    columns = [scores, *([None] * len(scores) if limit is None else limit for limit in (low, high))]
-    return [
-        {name: None if number is None else float(number) / JOD for name, number in zip(nothing, row, strict=True)}
-        for row in zip(*columns, strict=True)
-    ]
+    columns = [or_none(np.full(len(scores), np.nan) if part is None else part / JOD) for part in (scores, low, high)]
+    return [dict(zip(nothing, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def _thurstone(comparison: Comparison, jod_prior: str) -> tuple[Array | None, Array | None, Array | None]:
@@ -136,7 +133,7 @@ def _alone(fit: Fit) -> tuple[list[float | None], list[float | None]]:
     if fit.status != "ok" or fit.scores is None or fit.covariance is None:
         return unknown, unknown
     best, quasi = best_probabilities(scores_of(fit)), quasi_errors(scores_of(fit))
-    errors = unknown if quasi is None else [None if np.isnan(error) else error for error in quasi[0].tolist()]
+    errors = unknown if quasi is None else or_none(quasi[0])
     return unknown if best is None else best.tolist(), errors
 
 
@@ -168,9 +165,14 @@ def score_intervals(comparison: Comparison) -> list[Interval]:
     """Return each score's interval. Of separated votes it is relative to the mean score of the item's group."""
     low, high, method = intervals(comparison.fit, comparison.bootstrap)
     if low is not None and high is not None:
-        return [Interval(*limits, method) for limits in zip(low.tolist(), high.tolist(), strict=True)]
+        return _limits(low, high, method)
     known = {item: interval for group in comparison.groups for item, interval in _in_group(comparison.fit, group)}
     return [known.get(item, Interval(None, None, None)) for item in comparison.fit.items]
+
+
+def _limits(low: Array, high: Array, method: str | None) -> list[Interval]:
+    ends = zip(or_none(low), or_none(high), strict=True)
+    return [Interval(lower, upper, None if lower is None else method) for lower, upper in ends]
 
 
 def _in_group(fit: Fit, group: Fit) -> Iterator[tuple[str, Interval]]:
@@ -179,8 +181,7 @@ def _in_group(fit: Fit, group: Fit) -> Iterator[tuple[str, Interval]]:
     if low is None or high is None or fit.scores is None:
         return
     mean = float(np.mean([fit.scores[fit.items.index(item)] for item in group.items]))
-    for item, lower, upper in zip(group.items, (low + mean).tolist(), (high + mean).tolist(), strict=True):
-        yield item, Interval(lower, upper, f"{method}, {WITHIN_GROUP}")
+    yield from zip(group.items, _limits(low + mean, high + mean, f"{method}, {WITHIN_GROUP}"), strict=True)
 
 
 def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Array | None, str | None]:
@@ -190,18 +191,16 @@ def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Arra
     else t(J - 1) on the errors clustered by participant, but with few participants no narrower than the normal
     distribution on the errors of the votes; else, where participants are unknown, the normal distribution on the errors
     from the information. There is no interval without a maximum, and none where participants are known but their
-    variation is not: a single participant, or all voting alike.
+    variation is not: a single participant, or all voting alike; on a single score, its limits are NaN.
     """
     if fit.status != "ok" or fit.scores is None or fit.covariance is None:
         return None, None, None
-    is_few, do_people_differ = has_few_participants(fit), fit.participant_covariance is not None
-    n_people = fit.n_participants or 0
-    if bootstrap is not None and do_people_differ and not is_few and bootstrap.has_percentiles(n_people):
-        low, high = bootstrap.interval(n_people)
-        return low, high, PERCENTILES
-    half = half_widths(scores_of(fit))
+    is_few, n_people, half = has_few_participants(fit), fit.n_participants or 0, half_widths(scores_of(fit))
     if half is None:
         return None, None, None
+    if bootstrap is not None and not is_few and bootstrap.has_percentiles(n_people):
+        low, high = np.where(np.isnan(half), np.nan, bootstrap.interval(n_people))
+        return low, high, PERCENTILES
     by_participants = WIDER_INTERVAL if is_few else "t on participant errors"
     method = "normal on information" if fit.n_participants is None else by_participants
     return fit.scores - half, fit.scores + half, method

@@ -16,8 +16,8 @@ from app.analysis.comparisons.study_plan import PlannedStudy, Studies
 from app.analysis.model.bootstrap import RUNAWAY
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS
 from app.analysis.model.likelihood.counts import PairCounts
+from app.analysis.model.likelihood.fit import ALIKE
 from app.analysis.model.likelihood.newton import Design, Search, maximise
-from app.analysis.model.likelihood.participant_errors import ALIKE
 from app.analysis.model.likelihood.ties import TIE_MODELS, WITHOUT_TIES
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
 from app.study.planning import TYPICAL_SPREAD, TYPICAL_TIE_RATE

@@ -31,7 +31,7 @@ LIKELY = 0.05  # probability to be the best, from which on a sentence names a co
 FEWEST_FOR_RANKS = 8  # participants; with fewer the probability to be the best was not simulated (docs/simulation.md)
 BOLD = " With so few people the largest of these is about 10 points too high where conditions hardly differ."
 EQUAL = 1e-9  # log-odds; scores that differ by less are the same
-LETTER = re.compile(r"\(\d+\)|.")
+LETTER = re.compile(r"\w\.*")
 
 
 class Condition(NamedTuple):

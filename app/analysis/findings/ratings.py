@@ -9,6 +9,7 @@ from app.analysis.findings.pairs import better_first
 from app.analysis.findings.people import interim_findings
 from app.analysis.findings.ranking import EQUAL, Condition, both_or_all, tested_ranking, untested_ranking
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS, SIGNIFICANT
+from app.analysis.model.scales import rating_unit
 from app.analysis.reading.phrases import (
     MOST_NAMED,
     counted,
@@ -65,7 +66,7 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
             "ranking", f"{both_or_all(len(conditions))} have the same mean rating, {unsigned(rows[0]['mos'])}."
         )
     elif len(conditions) > 1 and len(contrasts) == len(conditions) * (len(conditions) - 1) // 2:
-        difference = _difference(conditions[0].name, conditions[-1].name, contrasts)
+        difference = _difference(conditions[0].name, conditions[-1].name, contrasts, rating_unit(model))
         yield from tested_ranking(conditions, contrasts, "mean rating", difference, where="", beyond="")
     elif len(conditions) > 1:
         yield untested_ranking(conditions, "mean rating", _why_not_tested(n_people, len(conditions)))
@@ -75,8 +76,10 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
     if model["disagreement"] is not None:
         yield finding("disagreement", _disagreement(model))
     yield finding("participants", f"{_outstanding(raters)}{_others(raters)} {_rules(raters)}")
+    has_intervals = any(row["ci_low"] is not None for row in (*tables["rating_items"], *tables["rating_conditions"]))
     shown = (
-        "with 95 % intervals by t; all pairs of conditions compared within participants and corrected by Holm"
+        f"{'with 95 % intervals by t' if has_intervals else 'without intervals'}; all pairs of conditions compared "
+        "within participants and corrected by Holm"
         if n_people > 1
         else "without intervals and tests"
     )
@@ -126,7 +129,7 @@ def _disagreement(model: Row) -> str:
     sizes = [len(names) for names in camps["participants"]]
     differences = [unsigned(value) for value in camps["differences"] if value is not None]
     between = (
-        f": {camps['item_first']} less {camps['item_second']} is {differences[0]} grades in the one and "
+        f": {camps['item_first']} less {camps['item_second']} is {differences[0]} {rating_unit(model)} in the one and "
         f"{differences[1]} in the other"
         if len(differences) == len(sizes)
         else ""
@@ -174,18 +177,19 @@ def _why_not_tested(n_people: int, n_conditions: int) -> str:
     )
 
 
-def _difference(best: str, worst: str, contrasts: Sequence[Row]) -> str:
+def _difference(best: str, worst: str, contrasts: Sequence[Row], unit: str) -> str:
     (pair,) = better_first(row for row in contrasts if {row["item_a"], row["item_b"]} == {best, worst})
     if pair["ci_low"] is None:
         limits, test = "no interval, as all agree", f"{pair['method']}, Holm"
     else:
         limits, test = interval(unsigned(pair["ci_low"]), unsigned(pair["ci_high"])), "Holm"
-    by = f"{unsigned(pair['difference'])} grades above {pair['item_b']}"
+    by = f"{unsigned(pair['difference'])} {unit} above {pair['item_b']}"
     return f"Participants rate {pair['item_a']} {by} ({limits}), {p_phrase(pair['p_holm'])} ({test})."
 
 
 def _comparisons(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
-    items, people = tables["comparison_items"], {m["dataset"]: m["n_participants"] for m in tables["comparison_models"]}
+    items, models = tables["comparison_items"], tables["comparison_models"]
+    people = {model["dataset"]: model["n_participants"] for model in models}
     datasets = dict.fromkeys(row["dataset"] for row in items)
     shown = [ALL] if ALL in datasets else list(datasets)
     if not items:
@@ -196,15 +200,17 @@ def _comparisons(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]
         conditions = [
             Condition(row["condition"], number_with_interval(row, "score", show=signed), None) for row in rows
         ]
-        why = "a single participant rated" if people[dataset] == 1 else "intervals of these scores are given, not tests"
+        why = "intervals of these scores are given, not tests"
+        if all(row["ci_low"] is None for row in rows):
+            why = "a single participant rated" if people[dataset] == 1 else "all participants agree exactly"
         on = f" on {dataset}" if len(shown) > 1 else ""
         yield untested_ranking(conditions, f"comparison rating{on}", why)
     yield from _limits(max(people.values()))
-    has_order = any(row["order_effect"] is not None for row in tables["comparison_models"])
+    has_order = any(row["order_effect"] is not None for row in models)
     has_intervals = any(row["ci_low"] is not None for row in (*items, *tables["comparison_pairs"]))
     yield finding(
         "settings",
-        "Settings: comparison ratings (CCR), least squares scale in grades"
+        f"Settings: comparison ratings (CCR), least squares scale in {rating_unit(models[0])}"
         f"{' with the order effect taken off' if has_order else ''}, "
         f"{'95 % intervals over participants' if has_intervals else 'without intervals'}.",
     )

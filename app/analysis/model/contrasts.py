@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from string import ascii_letters
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -13,8 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from app.analysis.model.likelihood.fit import Fit
-from app.analysis.model.likelihood.participant_errors import ALIKE
+from app.analysis.model.likelihood.fit import ALIKE, Fit
 from app.analysis.model.settings import LEVEL
 
 Array = NDArray[np.float64]
@@ -168,7 +168,7 @@ def simultaneous_factor(estimates: Estimates) -> float:
     covariance = (estimates.covariance if clustered is None else clustered)[:n, :n]
     first, second = np.triu_indices(n, 1)
     errors = np.sqrt(_variances(covariance, first, second))
-    known = errors > 0
+    known = errors**2 > ALIKE * _variances(estimates.covariance, first, second)
     if n < 3 or not known.any():
         return 1.0
     rng = np.random.default_rng(n)
@@ -178,21 +178,31 @@ def simultaneous_factor(estimates: Estimates) -> float:
     if estimates.n_participants is not None:
         df = estimates.n_participants - 1
         largest = largest / np.sqrt(rng.chisquare(df, DRAWN) / df)
-    return float(np.quantile(largest, LEVEL)) / critical_value(estimates.n_participants)
+    return max(1.0, float(np.quantile(largest, LEVEL)) / critical_value(estimates.n_participants))
 
 
 def half_widths(estimates: Estimates) -> Array | None:
     """Return half the width of each estimate's 95 % interval, log-odds, float64 (K,).
 
     It is by t(J - 1) on errors clustered by participant, or by the normal distribution where participants are unknown;
-    None where they are known but their variation is not.
+    None where they are known but their variation is not, NaN where they agree on an estimate exactly.
     """
     n = len(estimates.names)
     naive = np.sqrt(np.diag(estimates.covariance)[:n])
     if estimates.participant_covariance is None:
         return critical_value(None) * naive if estimates.n_participants is None else None
     clustered = np.sqrt(np.maximum(np.diag(estimates.participant_covariance)[:n], 0.0))
-    return _half_width(clustered, naive, estimates)
+    return np.where(clustered**2 <= ALIKE * naive**2, np.nan, _half_width(clustered, naive, estimates))
+
+
+def or_none(values: Array) -> list[float | None]:
+    """Return numbers with None in the place of NaN.
+
+    Parameters
+    ----------
+    values : float64 (K,)
+    """
+    return [None if np.isnan(value) else value for value in values.tolist()]
 
 
 def _half_width(clustered: Array, naive: Array, estimates: Estimates) -> Array:
@@ -314,4 +324,6 @@ def _absorbed(groups: Sequence[frozenset[str]]) -> list[frozenset[str]]:
 
 
 def _letter(place: int) -> str:
-    return chr(ord("a") + place) if place < 26 else f"({place})"
+    """Return a to z, A to Z, then a. to Z., a.. and so on, as multcompView does."""
+    dots, letter = divmod(place, len(ascii_letters))
+    return ascii_letters[letter] + "." * dots

@@ -12,6 +12,7 @@ from scipy.special import log_ndtr
 from app.analysis.model.contrasts import critical_value
 from app.analysis.model.likelihood.counts import PairCounts, count_pairs
 from app.analysis.model.likelihood.existence import ford
+from app.analysis.model.likelihood.participant_errors import is_agreement
 from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.model.thurstone import LOG_DENSITY_AT_0
 from app.analysis.reading.votes_table import VotesTable
@@ -44,9 +45,9 @@ def fit_with_prior(votes: VotesTable) -> PriorScores | None:
 
     Returns
     -------
-    PriorScores, with sum zero, without limits where fewer than two participants are known, they voted alike, or the
-    votes without one of them have no maximum; None with more than `MOST_ITEMS`, where votes do not link all items, and
-    where no finite maximum exists
+    PriorScores, with sum zero, without limits where fewer than two participants are known, they voted alike (NaN: on
+    a single score), or the votes without one of them have no maximum; None with more than `MOST_ITEMS`, where votes do
+    not link all items, and where no finite maximum exists
 
     Source
     ------
@@ -66,9 +67,9 @@ def fit_with_prior(votes: VotesTable) -> PriorScores | None:
     without = [_fit(votes.where(who % n_parts != part), scores) for part in range(n_parts)]
     known = [replicate for replicate in without if replicate is not None]
     error = np.sqrt((n_parts - 1) * np.var(known, axis=0)) if len(known) == n_parts else np.zeros(len(scores))
-    if error.min() < ALIKE:
+    if is_agreement(error < ALIKE, n_parts):
         return PriorScores(scores, None, None)
-    half = critical_value(n_parts) * error
+    half = np.where(error < ALIKE, np.nan, critical_value(n_parts) * error)
     return PriorScores(scores, scores - half, scores + half)
 
 

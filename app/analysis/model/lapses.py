@@ -35,7 +35,7 @@ class Lapses:
 
     Parameters
     ----------
-    scores, errors : float64 (n,), log-odds; the errors by the jackknife over participants
+    scores, errors : float64 (n,), log-odds; the errors by the jackknife over participants, NaN where all agree exactly
     half : float64 (n,), half the width of the 95 % intervals, t(J - 1)
     people : intp (J,), the participants with votes that count, by their place in the table
     rates : float64 (J,), the lapse rate of each of them; mean of what is likely given the votes
@@ -81,6 +81,8 @@ def fit_lapses(fit: Fit, votes: VotesTable) -> Lapses | str:
     n = fit.design.n_effects
     without = theta[1:, :n]
     errors = np.sqrt((n_groups - 1) / n_groups * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    is_agreed = [fit.error(item, by_participant=True) is None for item in range(n)]
+    errors = np.where(is_agreed, np.nan, errors)
     return Lapses(theta[0, :n], errors, critical_value(n_groups) * errors, people, rates)
 
 

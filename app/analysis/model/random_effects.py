@@ -23,6 +23,7 @@ from app.analysis.model.likelihood.newton import LARGEST_STEP, Design
 from app.analysis.model.likelihood.penalised import third_order
 from app.analysis.model.likelihood.ties import TIE_MODELS, Derivatives
 from app.analysis.model.settings import LEVEL
+from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesTable
 
 Array = NDArray[np.float64]
@@ -171,9 +172,9 @@ def _why_not(fit: Fit, votes: VotesTable, n_datasets: int | None) -> str | None:
         return "the participants are not recorded"
     n_people = fit.n_participants or 0
     if n_people < FEWEST:
-        return f"{n_people} participants cannot tell how much people differ; expected {FEWEST} or more"
+        return f"{counted(n_people, 'participant')} cannot tell how much people differ; expected {FEWEST} or more"
     if n_datasets is not None and n_datasets < FEWEST:
-        return f"{n_datasets} datasets cannot tell how much datasets differ; expected {FEWEST} or more"
+        return f"{counted(n_datasets, 'dataset')} cannot tell how much datasets differ; expected {FEWEST} or more"
     size = n_people * (n_datasets or 1) * len(fit.counts.first)
     if size > LARGEST_TABLE:
         return f"{size} cells of participants, datasets and pairs are too many, expected at most {LARGEST_TABLE}"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.model.contrasts import DRAWN, MOST_ITEMS, SIGNIFICANT, Contrast, Estimates
+from app.analysis.model.contrasts import DRAWN, MOST_ITEMS, SIGNIFICANT, Contrast, Estimates, half_widths
 
 Array = NDArray[np.float64]
 
@@ -22,14 +22,15 @@ def best_probabilities(estimates: Estimates) -> Array | None:
     votes tell (uniform up to `WIDEST`): where they tell little, differences are likely to be smaller than they look. It
     is the share of random vectors of what is likely then (fixed seed) in which an estimate is the highest. With few
     participants the larger of both errors counts. None with too many estimates, or where participants are known but
-    their variation is not.
+    their variation, or that of one estimate, is not.
 
     Source
     ------
     Normal distributions within a normal distribution: Gelman (2006), on the uniform prior of its spread.
     """
     n, clustered, n_people = len(estimates.names), estimates.participant_covariance, estimates.n_participants
-    if not 1 < n <= MOST_ITEMS or (clustered is None and n_people is not None):
+    half = half_widths(estimates)
+    if not 1 < n <= MOST_ITEMS or half is None or np.isnan(half).any():
         return None
     naive = estimates.covariance[:n, :n]
     covariance = naive if clustered is None else clustered[:n, :n]

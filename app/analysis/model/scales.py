@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,12 @@ from app.analysis.model.likelihood.fit import Fit
 
 # One just-objectionable difference: preferred by 75 %, Perez-Ortiz and Mantiuk (2017).
 LOG_ODDS_PER_JOD = float(np.log(3))
+LONGEST_OF_GRADES = 10  # from end to end: the scale of 11 grades, ITU-T P.910
+
+
+def rating_unit(scale: Mapping[str, Any]) -> str:
+    """Return what steps of a rating scale are called: grades, or points where `low` and `high` are too far or near."""
+    return "grades" if 2 <= scale["high"] - scale["low"] <= LONGEST_OF_GRADES else "points"
 
 
 def preference_columns(

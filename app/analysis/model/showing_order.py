@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.analysis.model.likelihood.counts import outcome_index
+from app.analysis.reading.phrases import part
 from app.analysis.reading.votes_table import VotesTable
 
 MOST_CONFOUNDED = 0.5  # share of the order effect's information; above, its variance is more than doubled
@@ -17,7 +18,8 @@ def why_no_order_effect(votes: VotesTable) -> str | None:
     """
     unknown = int(votes.count[votes.first_shown < 0].sum())
     if 0 < unknown < votes.n_votes:
-        return f"{unknown} of {votes.n_votes} votes do not record which condition was shown first (first_shown)"
+        verb = "does" if unknown == 1 else "do"
+        return f"{part(unknown, votes.n_votes, 'vote')} {verb} not record which condition was shown first (first_shown)"
     share = confounded_share(votes)
     if share > MOST_CONFOUNDED:
         return (

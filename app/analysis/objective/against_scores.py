@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from app.analysis.model.scales import rating_unit
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.comparison import comparison_rows
 from app.analysis.objective.points import ScoreSet, matched
@@ -46,4 +47,7 @@ def compared_scores(analysis: Mapping[str, Any]) -> list[Row]:
 
 def score_unit(analysis: Mapping[str, Any]) -> str:
     """Return the unit of these scores, in words."""
-    return "log-odds" if analysis["scores"] else "grades"
+    if analysis["scores"]:
+        return "log-odds"
+    models = [*analysis.get("rating_model", ()), *analysis.get("comparison_models", ())]
+    return rating_unit(models[0]) if models else "grades"

@@ -115,10 +115,6 @@ def _interval(estimates: Estimates, weights: Array, bootstrap: Bootstrap | None)
     """Return the 95 % interval of a weighted sum of scores: of other participants, where they are known."""
     n = len(estimates.names)
     people, clustered = estimates.n_participants, estimates.participant_covariance
-    has_sample = bootstrap is not None and clustered is not None and not estimates.is_few
-    if has_sample and bootstrap is not None and people is not None and bootstrap.has_percentiles(people):
-        low, high = Bootstrap(bootstrap.scores @ weights[:, None], bootstrap.kept).interval(people)[:, 0]
-        return float(low), float(high)
 
     def variance(covariance: Array) -> Array:
         return np.array([[weights @ covariance[:n, :n] @ weights]])
@@ -132,8 +128,11 @@ def _interval(estimates: Estimates, weights: Array, bootstrap: Bootstrap | None)
         estimates.is_few,
     )
     half = half_widths(summed)
-    if half is None:
+    if half is None or np.isnan(half[0]):
         return None
+    if bootstrap is not None and not estimates.is_few and bootstrap.has_percentiles(people or 0):
+        low, high = Bootstrap(bootstrap.scores @ weights[:, None], bootstrap.kept).interval(people or 0)[:, 0]
+        return float(low), float(high)
     return float(summed.values[0] - half[0]), float(summed.values[0] + half[0])
 
 

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from app.analysis.model.contrasts import critical_value
 from app.analysis.model.likelihood.counts import PairCounts
 from app.analysis.model.likelihood.existence import recession
+from app.analysis.model.likelihood.fit import ALIKE
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
 from app.analysis.ratings.joint_likelihood import Array, JointLikelihood, Observations
 from app.analysis.ratings.table import RatingTable, item_name
@@ -105,6 +106,8 @@ class _Fit:
         else:
             votes, ratings = (part @ gradient for part in self.influence)
             error = float(np.linalg.norm(votes + ratings))
+            if error**2 <= ALIKE * float(gradient @ self.covariance @ gradient):  # all agree
+                return None, None, None
             half = critical_value(1 + self.freedom(float(votes @ votes), float(ratings @ ratings))) * error
         return error, value - half, value + half
 

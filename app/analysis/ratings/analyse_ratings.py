@@ -27,13 +27,14 @@ from app.analysis.ratings.subject_model import (
     fit_subject_model,
     rater_intervals,
 )
-from app.analysis.ratings.table import RatingTable
+from app.analysis.ratings.table import RatingTable, item_name
 from app.analysis.reading.phrases import listed
 from app.analysis.screening.careless import FALSE_ALARMS
+from app.analysis.warnings import no_interval
 
 Z = critical_value(None)
 UNLIKE = "ratings unlike the others'"
-ONE_GRADE = "the same grade throughout"
+ONE_GRADE = "the same rating throughout"
 FEWEST_ALIKE = 10  # ratings, all of one grade, which nobody gives who looks
 WHY_NO_MODEL = {
     "disconnected": "to tell biases and qualities apart takes two participants or more with three ratings each, linked "
@@ -55,15 +56,15 @@ def analyse_ratings(table: RatingTable) -> dict[str, list[dict[str, Any]]]:
     `rating_model` (a single row) and `rating_warnings`; only lists, dictionaries, text, numbers and None
     """
     model = fit_subject_model(table)
-    raters = list(_rater_rows(table, model))
+    raters, items = list(_rater_rows(table, model)), list(_items_with_quality(table, model))
     contrasts = rating_contrasts(table)
     return {
-        "rating_items": list(_items_with_quality(table, model)),
+        "rating_items": items,
         "rating_conditions": list(_with_letters(_conditions_with_quality(table, model), contrasts)),
         "rating_contrasts": [asdict(contrast) for contrast in contrasts],
         "raters": raters,
         "rating_model": [_model_row(table, model)],
-        "rating_warnings": [{"warning": text} for text in _warnings(table, model, raters)],
+        "rating_warnings": [{"warning": text} for text in _warnings(table, model, raters, items)],
     }
 
 
@@ -95,9 +96,9 @@ def _quality(model: SubjectModel, columns: list[int]) -> dict[str, Any]:
     error = float(np.sqrt(model.quality_covariance[np.ix_(columns, columns)].mean()))
     return {
         "quality": value,
-        "quality_se": error,
-        "quality_low": value - Z * error,
-        "quality_high": value + Z * error,
+        "quality_se": _or_none(error),
+        "quality_low": _or_none(value - Z * error),
+        "quality_high": _or_none(value + Z * error),
     }
 
 
@@ -138,8 +139,8 @@ def _rater_model(model: SubjectModel, limits: tuple[Array, Array, Array], index:
     half, low, high = (float(part[index]) for part in limits)
     return {
         "bias": bias,
-        "bias_low": bias - half,
-        "bias_high": bias + half,
+        "bias_low": _or_none(bias - half),
+        "bias_high": _or_none(bias + half),
         "inconsistency": spread,
         "inconsistency_low": _or_none(low),
         "inconsistency_high": _or_none(high),
@@ -183,7 +184,9 @@ def _model_row(table: RatingTable, model: SubjectModel) -> dict[str, Any]:
     }
 
 
-def _warnings(table: RatingTable, model: SubjectModel, raters: list[dict[str, Any]]) -> Iterator[str]:
+def _warnings(
+    table: RatingTable, model: SubjectModel, raters: list[dict[str, Any]], items: list[dict[str, Any]]
+) -> Iterator[str]:
     if model.status == COMMON:
         yield (
             "ratings: the likelihood of the subject model has no maximum, because the qualities can follow one "
@@ -206,5 +209,8 @@ def _warnings(table: RatingTable, model: SubjectModel, raters: list[dict[str, An
             has = "has" if len(without) == 1 else "have"
             yield f"ratings: {', '.join(without)} {has} no reference, so there are no differential scores"
     several = np.bincount(table.person * len(table.items) + table.item).max(initial=0)
+    agreed = [row for row in items if row["n"] > 1 and row["ci_low"] is None]
+    for text in no_interval([item_name(row["dataset"], row["condition"]) for row in agreed]):
+        yield f"ratings: {text}"
     if several > 1:
         yield "ratings: some participants rated an item several times; their mean counts as one opinion in the MOS"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +12,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, critical_value
-from app.analysis.ratings.opinion_scores import mean_with_interval
+from app.analysis.ratings.opinion_scores import ALIKE, limits, mean_with_interval
 from app.analysis.ratings.table import ComparisonTable
+from app.analysis.reading.phrases import listed
 from app.analysis.reading.votes_table import ALL
+from app.analysis.warnings import no_interval
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -61,12 +63,11 @@ def analyse_comparisons(table: ComparisonTable) -> dict[str, list[dict[str, Any]
         fit = _fit(part)
         scores += _score_rows(ALL, conditions, part, fit)
         models.append(_model_row(ALL, part, fit))
-    warnings = [{"warning": text} for row in models for text in _warnings(row)]
     return {
         "comparison_pairs": pairs,
         "comparison_items": scores,
         "comparison_models": models,
-        "rating_warnings": warnings,
+        "rating_warnings": [{"warning": text} for text in _warnings(models, scores)],
     }
 
 
@@ -161,7 +162,7 @@ def _fit(part: _Part) -> _Fit:
         covariance=None if covariance is None else covariance[:n_items, :n_items],
         least_se=np.sqrt(variance * np.diag(inverse)[:n_items]),
         order_effect=float(estimate[n_items]) if has_order else None,
-        order_se=None if covariance is None or not has_order else float(np.sqrt(covariance[n_items, n_items])),
+        order_se=float(np.sqrt(covariance[n_items, n_items])) if covariance is not None and has_order else None,
         order_influence=spread[:, n_items],
         n_participants=n_participants,
         n_groups=n_groups,
@@ -210,8 +211,7 @@ def _pair_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> I
         if (n := len(means)) > 1:
             influence = -fit.order_influence * surplus.mean()
             influence[there] += (means - means.mean()) / np.sqrt(n * (n - 1))
-            half = critical_value(n) * float(np.linalg.norm(influence))
-            scores |= {"ci_low": scores["mean"] - half, "ci_high": scores["mean"] + half}
+            scores |= limits(scores["mean"], critical_value(n), float(np.linalg.norm(influence)))
         yield {
             "dataset": dataset,
             "item_a": conditions[part.conditions[first]],
@@ -241,8 +241,8 @@ def _score_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> 
         row |= dict.fromkeys(("se", "ci_low", "ci_high"))
         if fit.covariance is not None:
             error = float(np.sqrt(fit.covariance[number, number]))
-            half = max(factor * error, critical_value(None) * float(fit.least_se[number]))
-            row |= {"se": error, "ci_low": score - half, "ci_high": score + half}
+            row["se"] = error if error > ALIKE else None
+            row |= limits(score, factor, error, critical_value(None) * float(fit.least_se[number]))
         yield row
 
 
@@ -250,10 +250,12 @@ def _model_row(dataset: str, part: _Part, fit: _Fit) -> dict[str, Any]:
     second, first = ((part.rating * part.order * side > 0).sum() for side in (1, -1))
     return {
         "dataset": dataset,
+        "low": -part.high,
+        "high": part.high,
         "n_ratings": len(part.rating),
         "n_participants": fit.n_participants,
         "order_effect": fit.order_effect,
-        "order_se": fit.order_se,
+        "order_se": None if fit.order_se is None or fit.order_se <= ALIKE else fit.order_se,
         "order_left_out": fit.no_order,
         "n_second_better": int(second) if part.has_order else None,
         "n_first_better": int(first) if part.has_order else None,
@@ -261,11 +263,22 @@ def _model_row(dataset: str, part: _Part, fit: _Fit) -> dict[str, Any]:
     }
 
 
-def _warnings(row: dict[str, Any]) -> Iterator[str]:
-    named = "all datasets together" if row["dataset"] == ALL else f"dataset {row['dataset']}"
-    where = f"comparisons, {named}" if row["dataset"] else "comparisons"
+def _warnings(models: Sequence[dict[str, Any]], scores: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Yield what is to know of the fits, each sentence once."""
+    datasets: dict[str, list[str]] = {}
+    for row in models:
+        agreed = [each["condition"] for each in scores if each["dataset"] == row["dataset"] and each["se"] is None]
+        for text in (*_about(row), *no_interval(agreed if row["n_participants"] > 1 else ())):
+            datasets.setdefault(text, []).append(row["dataset"])
+    for text, names in datasets.items():
+        single = [name for name in names if name not in (ALL, "")]
+        where = f", dataset{'s' if len(single) > 1 else ''} {listed(single)}" if single else ""
+        yield f"comparisons{where}{', all datasets together' if ALL in names else ''}: {text}"
+
+
+def _about(row: dict[str, Any]) -> Iterator[str]:
     if row["status"] != "ok":
-        yield f"{where}: no pair links some conditions to the others, so there are no scores"
+        yield "no pair links some conditions to the others, so there are no scores"
     if row["order_left_out"] is not None:
         advice = "; show each pair in both orders" if row["order_left_out"] == NOT_BOTH else ""
-        yield f"{where}: {row['order_left_out']}, so no order effect is taken off, and means are plain{advice}"
+        yield f"{row['order_left_out']}, so no order effect is taken off, and means are plain{advice}"

@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 
 from app.analysis.model.contrasts import MOST_ITEMS, Contrast, holm, two_sided
 from app.analysis.model.separation import SIGN_TEST
-from app.analysis.ratings.opinion_scores import columns_by_condition, mean_with_interval, person_means
+from app.analysis.ratings.opinion_scores import ALIKE, columns_by_condition, mean_with_interval, person_means
 from app.analysis.ratings.table import RatingTable
 
 Array = NDArray[np.float64]
-
-ALIKE = 1e-9  # grades; a smaller error is rounding
 
 
 def rating_contrasts(table: RatingTable) -> list[Contrast]:

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.model.contrasts import critical_value
+from app.analysis.model.contrasts import critical_value, or_none
 from app.analysis.ratings.table import RatingTable
 
 Array = NDArray[np.float64]
+
+ALIKE = 1e-9  # grades; a smaller error is rounding
 
 
 def person_means(table: RatingTable) -> Array:
@@ -76,7 +78,7 @@ def mean_with_interval(values: Array) -> dict[str, Any]:
     Returns
     -------
     dict, `n` (participants), `mean`, `se`, `sd` (of the participants' means; denominator n - 1), `freedom`, `ci_low`,
-    `ci_high`; None where too few values define it
+    `ci_high`; None where too few values define it; no limits where all agree exactly, which says nothing of others
     """
     values = values[:, None] if values.ndim == 1 else values
     values = values[:, ~np.isnan(values).all(axis=0)]
@@ -89,9 +91,20 @@ def mean_with_interval(values: Array) -> dict[str, Any]:
         return row | {"mean": float(values.mean())}
     mean, error, freedom = (float(part[0]) for part in means_with_errors(values[None]))
     parts = np.nanmean(values, axis=1)
-    half = critical_value(1 + freedom) * error
-    numbers = {"mean": mean, "se": error, "sd": float(parts.std(ddof=1)), "freedom": freedom}
-    return row | numbers | {"ci_low": mean - half, "ci_high": mean + half}
+    row |= {"mean": mean, "se": error, "sd": float(parts.std(ddof=1)), "freedom": freedom}
+    return row | limits(mean, critical_value(1 + freedom), error)
+
+
+def limits(value: float, factor: float, error: float, least: float = 0.0) -> dict[str, float | None]:
+    """Return the 95 % interval of a value of ratings, `factor` errors or `least` to each side; None without an error.
+
+    Parameters
+    ----------
+    value, error, least : in the unit of the ratings
+    factor : from the degrees of freedom
+    """
+    half = np.nan if error <= ALIKE else max(factor * error, least)
+    return dict(zip(("ci_low", "ci_high"), or_none(np.array([value - half, value + half])), strict=True))
 
 
 def means_with_errors(values: Array) -> tuple[Array, Array, Array]:

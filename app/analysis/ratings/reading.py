@@ -126,7 +126,7 @@ def _counted(rows: LongTable) -> tuple[LongTable, str]:
     left_out = ", ".join(f"{int(rows_.sum())} {what}" for what, rows_ in counts.items() if rows_.any())
     kept = ~(is_practice | is_excluded | is_check)
     if not kept.any():
-        raise VotesError(f"none of the {len(rows)} ratings counts: {left_out}; expected at least one other")
+        raise VotesError(f"none of {counted(len(rows), 'rating')} counts: {left_out}; expected at least one other")
     return (rows, "") if kept.all() else (rows.where(kept), f"left out: {left_out}")
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading.cells import numbered_names
+from app.analysis.reading.phrases import part
 from app.analysis.reading.votes_table import VotesTable
 from app.analysis.screening.observers import NOT_SMOOTH, n_without
 
@@ -68,12 +69,12 @@ def with_films(raters: Sequence[Mapping[str, Any]], votes: VotesTable) -> list[d
     raters : of `analyse_ratings`
     votes : those that count
     """
-    parts = {votes.participants[index]: part for index, part in votes.by_participant().items()}
+    parts = {votes.participants[index]: theirs for index, theirs in votes.by_participant().items()}
     rows = []
     for row in raters:
-        part = parts[row["participant"]]
-        n = n_without(part, part.shown_smoothly)
-        flags = [*row["flags"], *([NOT_SMOOTH.format(n, part.n_votes)] if n else [])]
+        theirs = parts[row["participant"]]
+        n = n_without(theirs, theirs.shown_smoothly)
+        flags = [*row["flags"], *([NOT_SMOOTH.format(part(n, theirs.n_votes, "vote"))] if n else [])]
         rows.append({**row, "not_smooth": n, "flags": flags})
     return rows
 

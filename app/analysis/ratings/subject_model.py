@@ -14,6 +14,7 @@ from scipy.stats import chi2
 from scipy.stats import t as student
 
 from app.analysis.model.settings import LEVEL
+from app.analysis.ratings.opinion_scores import ALIKE
 from app.analysis.ratings.table import RatingTable
 
 Array = NDArray[np.float64]
@@ -113,8 +114,11 @@ def fit_subject_model(table: RatingTable) -> SubjectModel:
         fit, status = _fit_common(person, item, rating, length), COMMON
         residue = rating - fit.quality[item] - fit.bias[person]
         freedom = max(len(rating) - len(items) - len(people) + 1, 1)
-        spread = max(float(np.sqrt(residue @ residue / freedom)), COLLAPSED * length)  # if all agree, not 0
-        errors = _errors(person, item, np.zeros(len(item)), np.full(len(people), spread**-2))
+        spread = float(np.sqrt(residue @ residue / freedom))
+        is_known = spread > ALIKE * length  # else nothing is left that could tell the noise
+        common = np.full(len(people), max(spread, COLLAPSED * length) ** -2)
+        errors = _errors(person, item, np.zeros(len(item)), common)
+        errors = errors if is_known else (errors[0] * np.nan, errors[1] * np.nan, errors[2])
     if fit.iterations == MOST_ITERATIONS:
         return _without_estimates(table, "not converged")
     result = _without_estimates(table, status)

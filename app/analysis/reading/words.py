@@ -95,17 +95,9 @@ TIES = dict.fromkeys(
     (
         *("none", "tie", "ties", "tied", "draw", "equal", "same", "both", "neither", "no preference"),
         *("nopreference", "no difference", "about the same", "the same", "equally good", "tie (bothbad)"),
-        *(
-            "gleich",
-            "kein unterschied",
-            "unentschieden",
-            "égal",
-            "pas de différence",
-            "igual",
-            "sin diferencia",
-            "相同",
-        ),
-        *("=", "≈", "tie (both bad)", "bothbad", "both bad", "both good", "cannot decide", "can't decide", "undecided"),
+        *("gleich", "kein unterschied", "unentschieden", "égal", "pas de différence", "igual", "sin diferencia"),
+        *("相同", "=", "≈", "tie (both bad)", "bothbad", "both bad", "both good", "cannot decide", "can't decide"),
+        "undecided",
     ),
     NONE,
 )

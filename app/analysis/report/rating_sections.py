@@ -75,9 +75,9 @@ def _raters(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     text = (
         "Bias is how much higher a participant rates than the others, inconsistency the standard deviation of what "
         "quality and bias do not explain. Unusual are ratings that go with the others' so little that fewer than 0.05 "
-        "honest people of the whole study would look so (Rosner's test of correlations), or one grade throughout. "
-        "Remarks are no flags: the screening of observers of ITU-R BT.500, and a correlation with the mean scores "
-        "below 0.75 (VQEG HDTV test plan, Annex I), name honest people, too. All count in the scores."
+        "honest people of the whole study would look so (Rosner's test of correlations), or the same rating "
+        "throughout. Remarks are no flags: the screening of observers of ITU-R BT.500, and a correlation with the mean "
+        "scores below 0.75 (VQEG HDTV test plan, Annex I), name honest people, too. All count in the scores."
     )
     rows = [
         row
@@ -99,7 +99,7 @@ def _alignment(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         return {"title": "Ratings and votes on one scale", "paragraphs": [text], "figures": [], "tables": []}
     whose = "participants as the sample" if model["n_participants"] else "votes and ratings taken as independent"
     intervals = (
-        "There are no intervals, as a single participant voted, or rated"
+        "There are no intervals, as a single participant voted, or rated, or all agree exactly"
         if model["slope_low"] is None
         else f"Intervals are 95 %, with {whose}"
     )

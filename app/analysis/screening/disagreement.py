@@ -75,6 +75,8 @@ def krippendorff_alpha(votes: VotesTable) -> dict[str, float | None]:
     if not np.isfinite(without).all():
         return dict.fromkeys(ALPHA) | {"alpha": alpha}
     error = float(np.sqrt((n_people - 1) / n_people * np.sum((without - without.mean()) ** 2)))
+    if error < ROUNDING:  # all agree, or whoever is left out changes nothing
+        return dict.fromkeys(ALPHA) | {"alpha": alpha}
     half = critical_value(n_people) * error
     return dict(zip(ALPHA, (alpha, max(alpha - half, -1.0), min(alpha + half, 1.0)), strict=True))
 

@@ -23,6 +23,7 @@ from app.analysis.model.likelihood.counts import PairCounts, outcome_index
 from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.likelihood.newton import Design, Search, maximise
 from app.analysis.model.likelihood.ties import TIE_MODELS
+from app.analysis.reading.phrases import part
 from app.analysis.reading.votes_table import NONE, A, B, VotesTable, only_compared, order_of
 from app.analysis.screening.careless import Careless, careless_answers
 from app.analysis.screening.triads import Triads, by_participant, pooled_p_value, smallest_p_value
@@ -38,7 +39,7 @@ FEWEST_FOR_FENCES = 5  # participants; quartiles of fewer mean nothing
 FEWEST_VOTES = 10  # votes before rates and times are compared; a tie rate then has a standard error of 0.13
 MOST_REFITS = 20_000  # participants times items up to which each participant is left out in turn
 CARELESS = "answers carelessly"
-NOT_SMOOTH = "films not shown smoothly in {} of {} votes"
+NOT_SMOOTH = "films not shown smoothly in {}"
 FASTEST_MS = 500.0  # nobody judges two videos in less than half a second
 
 
@@ -302,9 +303,9 @@ def _flag(rows: list[dict[str, Any]], careless: Mapping[str, Careless]) -> None:
         if _is_known(row, "fastest_decile_ms") and row["fastest_decile_ms"] < FASTEST_MS:
             row["flags"].append("answers faster than looking")
         if row["one_side_unseen"]:
-            row["flags"].append(f"only one side seen in {row['one_side_unseen']} of {row['n_votes']} votes")
+            row["flags"].append(f"only one side seen in {part(row['one_side_unseen'], row['n_votes'], 'vote')}")
         if row["not_smooth"]:
-            row["flags"].append(NOT_SMOOTH.format(row["not_smooth"], row["n_votes"]))
+            row["flags"].append(NOT_SMOOTH.format(part(row["not_smooth"], row["n_votes"], "vote")))
 
 
 def _remark(rows: list[dict[str, Any]]) -> None:

@@ -327,7 +327,7 @@ OBSERVERS_OF_RATINGS: Columns = {
     "is_correlation_low": Column("true if the correlation is below 0.75", False),
     "correlation_others": Column("Pearson's, with the means of the others' ratings of the same items", 0.87),
     "unlike_false_alarms": Column("honest people of the study who are expected to lie as far below the others", 3.1),
-    "is_one_grade": Column("true if ten ratings or more are all of one grade", False),
+    "is_one_grade": Column("true if ten ratings or more are all the same", False),
     "not_smooth": NOT_SMOOTH,
 }
 MEASUREMENTS: Columns = {

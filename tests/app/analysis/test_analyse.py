@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, votes_from_rows
 from app.analysis.analyse import scored
 from app.analysis.comparisons.factors import votes_with_levels
-from app.analysis.model.contrasts import ALL_ALIKE
+from app.analysis.model.contrasts import ALL_ALIKE, BY_SCORES
 from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.reading.read_votes import read_votes
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
@@ -396,6 +396,8 @@ def test_few_replicates_have_no_percentiles() -> None:
 def test_too_few_replicates_are_said_and_the_number_that_is_named_is_enough() -> None:
     many = ("aab", "aba", "bba", "bab", "aaa") * 4
     (said,) = [text for text in analysed(*many, bootstrap=20, seed=1)["warnings"] if "too few for percentiles" in text]
+    (one,) = [text for text in analysed(*many, bootstrap=1, seed=1)["warnings"] if "too few for percentiles" in text]
+    assert "1 bootstrap replicate is too few" in one
     enough = int(said.rpartition(" ")[2])
     assert {row["ci_method"] for row in analysed(*many, bootstrap=enough, seed=1)["scores"]} == {
         "participant bootstrap"
@@ -404,14 +406,15 @@ def test_too_few_replicates_are_said_and_the_number_that_is_named_is_enough() ->
 
 
 def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
-    for choices in (["aaa"] * 5, ["aba"]):
+    alone, alike = "a single participant voted", "no intervals, as participants agree too exactly"
+    for choices, why in ((["aaa"] * 5, "no finite maximum"), (["aab"] * 5, alike), (["aab"], alone)):
         analysis = analysed(*choices)
         (model,) = only(analysis["models"], dataset="all")
         assert model["n_participants"] == len(choices)
         for row in analysis["scores"]:
             assert row["score"] is not None
             assert (row["ci_low"], row["ci_high"], row["ci_method"]) == (None, None, None)
-    assert any("a single participant voted" in warning for warning in analysis["warnings"])
+        assert any(why in warning for warning in analysis["warnings"])
 
 
 def test_a_bootstrap_of_people_who_all_vote_alike_gives_no_interval() -> None:
@@ -419,6 +422,36 @@ def test_a_bootstrap_of_people_who_all_vote_alike_gives_no_interval() -> None:
     analysis = analysed(*["aab"] * 15, bootstrap=100)
     assert {row["status"] for row in analysis["scores"]} == {"ok"}
     assert {(row["ci_low"], row["ci_high"], row["ci_method"]) for row in analysis["scores"]} == {(None, None, None)}
+
+
+@pytest.mark.parametrize("n_people", [8, 30])
+def test_people_of_opposite_orders_leave_intervals_where_they_differ(n_people: int) -> None:
+    """All place y in the middle, so that nothing is known of its spread; of x and z people know the opposite."""
+    analysis = analysed(*["aaa", "bbb"] * (n_people // 2), bootstrap=1000, seed=1)
+    by_item = {row["item"]: row for row in only(analysis["scores"], dataset="all")}
+    for item in "xz":
+        assert by_item[item]["ci_low"] < -0.3
+        assert by_item[item]["ci_high"] > 0.3
+        assert by_item[item]["se_participant"] > 0.1
+        assert by_item[item]["ci_method"] is not None
+    assert any("no interval of y, on which" in warning for warning in analysis["warnings"])
+    assert [by_item["y"][name] for name in ("se_participant", "ci_low", "ci_high", "ci_method")] == [None] * 4
+    assert {row["p_best"] for row in by_item.values()} == {None}
+    for row in only(analysis["contrasts"], dataset="all"):
+        assert (row["p_holm"], row["method"]) == (1, BY_SCORES)
+        assert row["ci_simultaneous_low"] <= row["ci_low"]
+
+
+@pytest.mark.parametrize("prior", ["none", "pwcmp"])
+def test_people_of_opposite_orders_leave_jod_and_effects_where_they_differ(prior: str) -> None:
+    factors = {"kind": {"x": "1", "z": "2", "y": "3"}}
+    analysis = analysed(*["aaa", "bbb"] * 15, jod_prior=prior, factors=factors)
+    for row in only(analysis["scores"], dataset="all", comparison="all"):
+        assert (row["jod_thurstone_low"] is None) == (row["item"] == "y")
+    effects = {row["level"]: row for row in only(analysis["effects"], dataset="all")}
+    assert [effects[level]["ci_low"] is None for level in "123"] == [False, False, True]
+    assert [effects[level]["se_participant"] is None for level in "123"] == [False, False, True]
+    assert "| y | 0.000 | 0.172 | – | 0.000 |" in report_page("report.md", analysis, (), "votes")
 
 
 def test_a_difference_on_which_all_voted_alike_is_not_certain() -> None:

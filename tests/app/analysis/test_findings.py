@@ -420,7 +420,7 @@ def always_first(votes: Votes) -> Votes:
 @pytest.mark.parametrize(
     ("spoilt", "why"),
     [
-        (lambda votes: [votes[0] | {"first_shown": ""}, *votes[1:]], "1 of 120 votes do not record"),
+        (lambda votes: [votes[0] | {"first_shown": ""}, *votes[1:]], "1 of 120 votes does not record"),
         (always_first, "the orders are unbalanced"),
         (lambda votes: [vote | {"first_shown": ""} for vote in votes], "the scores have no finite estimate"),
     ],

@@ -155,6 +155,7 @@ def test_films_are_rated_where_the_protocol_says_so_and_planned_in_grades(comman
     plan = json.loads(command("plan", *sizes, "--protocol", "ACR", "--json").out)
     assert (plan["trials"], plan["minutes"], plan["votes"]) == (2, 1, 40)
     assert "grades" in command("plan", *sizes, "--protocol", "DCR").out
+    assert "1 trial for each of 20 participants: about 1 minute." in command("plan", *sizes).out
     refused = command("plan", *sizes, "--protocol", "MOS")
     assert refused.code == 2
     assert "'MOS', expected one of PC" in refused.err

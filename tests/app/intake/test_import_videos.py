@@ -199,7 +199,7 @@ def test_a_folder_with_something_in_it_is_not_written_to(videos: Path, tmp_path:
 
 def test_a_scene_for_practice_has_two_videos(videos: Path, tmp_path: Path) -> None:
     (videos / "warm-up" / "low.mp4").unlink()
-    with pytest.raises(StimuliError, match="has 1 videos; practice needs two"):
+    with pytest.raises(StimuliError, match="has 1 video; practice needs two"):
         import_stimuli(videos, tmp_path / "set", practice="warm-up")
 
 

@@ -16,6 +16,7 @@ from app.analysis.model.likelihood.ties import TIE_MODELS
 Array = NDArray[np.float64]
 
 RANKED_TO = 7  # decimals of scores that are ranked; a penalised fit stops within 1e-8 or so of its maximum
+ALIKE = 1e-12  # a variance between participants below this share of their votes' variance is rounding
 CERTAIN = 100.0  # log-odds; beyond, a preference is 0 or 1 to all digits, and far beyond exponentials overflow
 LARGEST_COVARIANCE = 3000  # parameters; beyond, the covariance matrix takes minutes and a gigabyte
 
@@ -152,9 +153,12 @@ class Fit:
         return result
 
     def error(self, parameter: int, *, by_participant: bool = False) -> float | None:
-        """Return the standard error of a parameter, log-odds."""
+        """Return the standard error of a parameter, log-odds; None where all participants agree on it exactly."""
         covariance = self.participant_covariance if by_participant else self.covariance
-        return None if covariance is None else float(np.sqrt(covariance[parameter, parameter]))
+        if covariance is None or self.covariance is None:
+            return None
+        variance, of_votes = covariance[parameter, parameter], self.covariance[parameter, parameter]
+        return None if by_participant and variance <= ALIKE * of_votes else float(np.sqrt(variance))
 
     @property
     def p_value(self) -> float | None:

@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.model.likelihood.counts import PairCounts, outcome_index
-from app.analysis.model.likelihood.fit import CERTAIN, Fit
+from app.analysis.model.likelihood.fit import ALIKE, CERTAIN, Fit
 from app.analysis.model.likelihood.newton import Design
 from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.reading.votes_table import VotesTable, numbered
 
 Array = NDArray[np.float64]
 
-ALIKE = 1e-12  # a variance between participants below this share of their votes' variance is rounding
 ROWS_TOGETHER = 1_000_000  # votes looked up at once, which bounds the memory
 
 
@@ -25,8 +24,8 @@ def participant_covariance(fit: Fit, votes: VotesTable) -> Array | None:
 
     Returns
     -------
-    covariance : float64 (P, P); None with a single participant, without a covariance to start from, or if all
-        participants voted alike
+    covariance : float64 (P, P), with a variance of zero where participants agree exactly; None with a single
+        participant, without a covariance to start from, or where `is_agreement`
 
     Source
     ------
@@ -40,8 +39,19 @@ def participant_covariance(fit: Fit, votes: VotesTable) -> Array | None:
         return None
     influence = gradients @ fit.covariance  # (J, P)
     result: Array = influence.T @ influence * n / (n - 1)
-    is_degenerate = bool((np.diag(result) <= ALIKE * np.diag(fit.covariance)).any())
-    return None if is_degenerate else result
+    is_alike = np.diag(result) <= ALIKE * np.diag(fit.covariance)
+    return None if is_agreement(is_alike[: fit.design.n_effects], n) else result
+
+
+def is_agreement(is_alike: NDArray[np.bool_], n_participants: int) -> bool:
+    """Do scores say nothing of other people, as none varies between participants, or of two people not all do?
+
+    Parameters
+    ----------
+    is_alike : bool (n,), do participants agree on a score exactly?
+    n_participants : their number
+    """
+    return bool(is_alike.all() or (n_participants == 2 and is_alike.any()))
 
 
 def participant_gradients(fit: Fit, votes: VotesTable) -> Array:

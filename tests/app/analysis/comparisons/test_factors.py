@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from itertools import combinations
+from itertools import combinations, pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +20,7 @@ from app.analysis import AnalysisSettings, analyse
 from app.analysis.comparisons.comparison import compare
 from app.analysis.comparisons.factor_fits import factor_results
 from app.analysis.comparisons.factors import coding, votes_on_factor, wald_p_value
+from app.analysis.findings.ranking import sharing_letters
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import Contrast, contrasts, holm, letters
 from app.analysis.reading.read_votes import read_votes, votes_from_rows
@@ -241,3 +242,16 @@ def test_a_position_bias_is_found_and_does_not_leak_into_the_scores() -> None:
     assert fit.order_effect > 5 * error
     assert fit.scores is not None
     np.testing.assert_allclose(fit.scores, truth, atol=0.15)
+
+
+def test_letters_of_many_groups_go_on_with_capitals_and_dots_and_are_told_apart_again() -> None:
+    names = [f"i{place:02}" for place in range(56)]
+    compared = [
+        Contrast(a, b, 0.0, 1.0, p_value=p, p_holm=p, ci_low=None, ci_high=None)
+        for (first, a), (second, b) in combinations(enumerate(names), 2)
+        for p in (1.0 if second - first == 1 else 0.001,)
+    ]
+    shown = letters(names, compared)
+    assert [shown[names[place]] for place in (0, 25, 26, 51, 52, 54)] == ["a", "yz", "zA", "YZ", "Za.", "b.c."]
+    shared = sharing_letters(shown.items())
+    assert list(shared.values()) == [list(pair) for pair in pairwise(names)]

@@ -134,8 +134,11 @@ def test_groups_that_cannot_be_compared_are_named() -> None:
 
 @pytest.mark.parametrize("of", [{}, {"somebody else": "old"}])
 def test_a_grouping_of_nobody_who_voted_is_refused(of: dict[str, str]) -> None:
-    with pytest.raises(VotesError, match="none of the 20 participants"):
+    with pytest.raises(VotesError, match="none of 20 participants"):
         analyse(simulated(2), AnalysisSettings(groups={"age": of}))
+    vote = {"participant": "P1", "dataset": "d", "item_a": "x", "item_b": "y", "choice": "a"}
+    with pytest.raises(VotesError, match=r"none of 1 participant, e.g. 'P1', has"):
+        analyse(votes_from_rows([vote]), AnalysisSettings(groups={"age": of}))
 
 
 @pytest.mark.slow

@@ -44,6 +44,18 @@ def test_clickers_get_high_rates_and_scores_are_no_longer_shrunk(ties: str) -> N
     assert np.abs(lapses.scores - truth).max() < 0.15 < np.abs(shrunk - truth).max()
 
 
+def test_people_who_vote_alike_leave_no_errors_of_scores_with_lapse_rates() -> None:
+    votes = simulate_votes(StudyPlan(4, 6, 2, spread=0.3), np.linspace(-0.5, 0.5, 4), np.random.default_rng(1))
+    votes = votes.where(votes.participant == 0)
+    rows = [(person, row) for person in range(9) for row in range(len(votes))]
+    person, row = np.array(rows).T
+    names = tuple(f"p{number}" for number in range(9))
+    same = VotesTable(**{**vars(votes.where(row)), "participant": person.astype(np.int32), "participants": names})
+    tables, _ = lapse_tables(list(compare(same, AnalysisSettings())))
+    assert tables["lapse_scores"]
+    assert {(row["se"], row["ci_low"], row["ci_high"]) for row in tables["lapse_scores"]} == {(None, None, None)}
+
+
 def test_of_honest_people_scores_and_errors_hardly_change() -> None:
     votes = votes_with(0)
     lapses, fit = fitted(votes), fit_scores(votes)

@@ -59,6 +59,14 @@ def test_people_who_do_not_differ_have_the_scores_without_random_effects() -> No
     assert {row["level"]: row["sd"] for row in analysis["random_effects"]}["participants"] < 0.15
 
 
+@pytest.mark.parametrize(("people", "why"), [(1, "1 participant cannot tell"), (2, "2 participants cannot tell")])
+def test_too_few_people_are_said_in_their_number(people: int, why: str) -> None:
+    row = {"dataset": "d", "item_a": "x", "item_b": "y"}
+    votes = [row | {"participant": f"P{person}", "choice": choice} for person in range(people) for choice in "ab"]
+    warnings = analyse(votes_from_rows(votes), AnalysisSettings(random_effects="participants"))["warnings"]
+    assert any(why in text for text in warnings)
+
+
 @pytest.mark.slow
 def test_sentences_say_for_whom_intervals_hold(votes: VotesTable) -> None:
     def sentences(random_effects: str) -> list[str]:

@@ -39,6 +39,22 @@ def simulated_study(rng: np.random.Generator) -> tuple[RatingTable, VotesTable, 
     return table, votes_from_indices(voter, dataset, a, b, choice, names=names), quality
 
 
+def test_people_who_all_rate_and_vote_alike_leave_no_intervals() -> None:
+    table, votes, _ = simulated_study(np.random.default_rng(1))
+    first = np.tile(table.rating[: len(table) // N_PEOPLE], N_PEOPLE)
+    twice = replace(
+        table,
+        person=np.tile(table.person, 2),
+        item=np.tile(table.item, 2),
+        rating=np.r_[first - 0.5, first + 0.5],
+    )
+    choice = np.tile(votes.choice[: len(votes) // N_PEOPLE], N_PEOPLE)
+    tables = align(twice, VotesTable(**{**vars(votes), "choice": choice}))
+    assert [row["slope"] is None for row in tables["alignment"]] == [False]
+    for row in (*tables["alignment"], *tables["alignment_items"]):
+        assert {row[name] for name in row if name.endswith(("_low", "_high", "_se"))} == {None}
+
+
 @pytest.mark.slow
 def test_slope_qualities_and_scores_are_recovered_with_intervals_and_better_than_from_ratings_alone() -> None:
     rng = np.random.default_rng(4)

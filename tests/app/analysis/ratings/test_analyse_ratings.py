@@ -51,6 +51,34 @@ def test_a_difference_on_which_all_agree_rests_on_a_sign_test_and_has_no_interva
     )
 
 
+def test_ratings_on_which_all_agree_exactly_have_no_interval_and_that_is_said() -> None:
+    person, item = np.divmod(np.arange(36), 3)
+    for ratings in ([5.0, 3.0, 3.0], [4.1, 1.7, 2.9]):
+        table = rating_table(person, item, np.array(ratings)[item], protocol="acr-hr", references=(1,))
+        tables = analyse_ratings(table)
+        for row in (*tables["rating_items"], *tables["rating_conditions"]):
+            assert row["mos"] == pytest.approx(row["quality"])
+            limits = ("ci_low", "ci_high", "dmos_low", "dmos_high", "quality_se", "quality_low", "quality_high")
+            assert [row[name] for name in limits] == [None] * 7
+        assert {(row["bias_low"], row["bias_high"]) for row in tables["raters"]} == {(None, None)}
+        assert "ratings: no interval of c0 of d0, c1 of d0 and c2 of d0, on which all agree exactly" in warnings_of(
+            table
+        )
+        json.dumps(tables, allow_nan=False)
+        assert "over participants without intervals; all pairs" in rating_findings(tables)[-1]["text"]
+    differing = rating_table(person, item, np.where(item == 0, 5.0, 1.0 + person % 3))
+    assert "no interval of c0 of d0, on which" in warnings_of(differing)
+    assert [row["ci_low"] is None for row in analyse_ratings(differing)["rating_items"]] == [True, False, False]
+
+
+@pytest.mark.parametrize(("high", "unit"), [(5, "grades"), (11, "grades"), (100, "points")])
+def test_a_difference_is_in_the_unit_of_the_scale(high: float, unit: str) -> None:
+    person, item = np.divmod(np.arange(24), 2)
+    table = rating_table(person, item, np.array([5.0, 3.0])[item], scale=(1.0, high))
+    said = {row["about"]: row["text"] for row in rating_findings(analyse_ratings(table))}
+    assert said["difference"].startswith(f"Participants rate c0 2.00 {unit} above c1")
+
+
 def test_a_condition_on_easy_datasets_alone_is_not_called_best_before_one_that_beats_it_there() -> None:
     """c0 is rated on d0 alone, where c1 is better; d1 is harder."""
     means = {(0, 0): 4.0, (0, 1): 4.6, (0, 2): 2.4, (1, 1): 2.6, (1, 2): 2.2}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -118,6 +119,11 @@ def test_a_pair_in_one_order_cannot_tell_the_order_from_the_items() -> None:
     assert "with the order effect taken off" in rating_findings(both_orders)[-1]["text"]
 
 
+def test_the_settings_name_the_unit_of_the_scale() -> None:
+    table = replace(comparisons([(0, 0, 1, 2, True), (1, 0, 1, 1, True)]), high=100.0)
+    assert "least squares scale in points" in rating_findings(analyse_comparisons(table))[-1]["text"]
+
+
 def test_datasets_are_scored_alone_and_together() -> None:
     items = (("x", "c0"), ("x", "c1"), ("y", "c0"), ("y", "c1"))
     a, b = np.array([0, 0, 2, 2]), np.array([1, 1, 3, 3])
@@ -143,6 +149,27 @@ def test_conditions_that_no_pair_links_have_no_scores() -> None:
     tables = analyse_comparisons(table)
     assert tables["comparison_items"] == []
     assert tables["comparison_models"][0]["status"] == "disconnected"
+
+
+def test_comparisons_on_which_all_agree_exactly_have_no_interval() -> None:
+    pairs = ((0, 1, 1.0), (1, 2, 1.0), (0, 2, 2.0))
+    tables = analyse_comparisons(comparisons([(p, a, b, r, p % 2 == 0) for p in range(14) for a, b, r in pairs]))
+    for row in (*tables["comparison_pairs"], *tables["comparison_items"]):
+        assert (row["ci_low"], row["ci_high"], row.get("se")) == (None, None, None)
+    assert tables["comparison_models"][0]["order_se"] is None
+    (warning,) = (row["warning"] for row in tables["rating_warnings"])
+    said = " ".join(row["text"] for row in rating_findings(tables))
+    assert "not tested: all participants agree exactly." in said
+    assert "intervals of these" not in said
+    assert warning.startswith("comparisons, dataset d: no interval of c0, c1 and c2, on which all agree exactly")
+
+
+def test_what_to_know_of_several_datasets_is_said_once_with_their_names() -> None:
+    items = tuple((dataset, condition) for dataset in ("ball", "box", "bust") for condition in ("c0", "c1"))
+    a = np.array([0, 2, 4])
+    table = ComparisonTable(("p0",), items, np.zeros(3, int), a, a + 1, np.ones(3), np.ones(3, bool))
+    (warning,) = (row["warning"] for row in analyse_comparisons(table)["rating_warnings"])
+    assert warning.startswith("comparisons, datasets ball, box and bust, all datasets together: the orders cannot tell")
 
 
 def test_of_a_single_participant_no_intervals_are_promised() -> None:
@@ -181,8 +208,9 @@ def test_both_orders_are_asked_for_only_where_they_would_tell_the_order_effect(
         np.full(4, rating), first, has_order=has_order,
     )  # fmt: skip
     tables = analyse_comparisons(table)
-    (warning,) = (row["warning"] for row in tables["rating_warnings"])
+    warning, agreed = (row["warning"] for row in tables["rating_warnings"])
     assert warning.startswith("comparisons: ")
+    assert agreed.startswith("comparisons: no interval of c0 and c1")
     assert ("show each pair in both orders" in warning) == helps
     assert (tables["comparison_models"][0]["n_first_better"] is not None) == has_order
     assert (tables["comparison_pairs"][0]["n_a_first"] is not None) == has_order

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -48,6 +49,11 @@ def test_two_camps_are_found_with_the_right_people_and_nobody_stands_out() -> No
     assert said(ratings_of(CAMPS), "participants").startswith("Nobody of 20 stands out.")
 
 
+def test_camps_differ_in_the_unit_of_the_scale() -> None:
+    assert re.search(r"is \d\.\d\d grades in the one", said(ratings_of(CAMPS), "disagreement"))
+    assert re.search(r"is \d\.\d\d points in the one", said(replace(ratings_of(CAMPS), high=100.0), "disagreement"))
+
+
 def test_noise_is_no_disagreement() -> None:
     tested = [rating_disagreement(ratings_of(np.ones(12), seed=seed)) for seed in range(20)]
     assert sum(row is not None and row["p_value"] < 0.05 for row in tested) <= 3
@@ -92,7 +98,7 @@ def test_who_clicks_stands_out_with_the_evidence() -> None:
 def test_one_grade_throughout_stands_out() -> None:
     table = ratings_of(np.ones(8))
     table = replace(table, rating=np.where(table.person == 2, 4.0, table.rating))
-    assert [row["flags"] for row in analyse_ratings(table)["raters"]][2] == ["the same grade throughout"]
+    assert [row["flags"] for row in analyse_ratings(table)["raters"]][2] == ["the same rating throughout"]
 
 
 def test_several_far_below_do_not_hide_each_other() -> None:

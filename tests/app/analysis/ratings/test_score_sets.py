@@ -10,7 +10,11 @@ import pytest
 from scipy.stats import ttest_rel
 
 from app.analysis import analyse_ratings_file
+from app.analysis.objective.against_scores import score_unit
+from app.analysis.ratings.analyse_ratings import analyse_ratings
+from app.analysis.ratings.comparisons import analyse_comparisons
 from app.analysis.ratings.score_sets import opinion_score_sets
+from app.analysis.ratings.table import ComparisonTable
 from app.analysis.reading.votes_table import VotesError
 from tests.app.analysis.ratings.rated_tables import rating_table, simulated
 
@@ -82,6 +86,17 @@ def test_measures_are_compared_with_opinion_scores_in_grades(ratings: Path, tmp_
     assert "Do objective measures predict the scores?" in report
     assert "RMSE is in grades" in report
     assert "score (grades), relative to the dataset's mean" in report.replace("’", "'").replace("&#39;", "'")
+
+
+@pytest.mark.parametrize(("high", "unit"), [(3, "grades"), (100, "points")])
+def test_the_unit_of_scores_is_that_of_the_scale(high: float, unit: str) -> None:
+    person, a, b = np.array([0, 1]), np.array([0, 0]), np.array([1, 1])
+    compared = ComparisonTable(("p0", "p1"), (("d", "x"), ("d", "y")), person, a, b, np.ones(2), a == 0, high)
+    for tables in (
+        analyse_comparisons(compared),
+        analyse_ratings(rating_table([0, 0, 1, 1], [0, 1, 0, 1], [3, 1, 3, 2], scale=(0, high))),
+    ):
+        assert score_unit({"scores": [], **tables}) == unit
 
 
 @pytest.mark.slow

@@ -63,7 +63,7 @@ def test_real_tables_of_ratings_give_what_their_page_says(real_data: Path) -> No
     assert "not used: age" in said[0]
     dmos = {row["condition"]: row["dmos"] for row in item_rows(ratings_in(tables / "hr_title.csv")[0])}
     assert (dmos["x"], dmos["y"]) == (2.5, 3.5)
-    with pytest.raises(VotesError, match="none of the 18 ratings counts: 18 practice, 18 excluded"):
+    with pytest.raises(VotesError, match="none of 18 ratings counts: 18 practice, 18 excluded"):
         ratings_in(tables / "rprac.csv")
 
 

@@ -253,9 +253,12 @@ def test_a_folder_in_place_of_votes_is_named_as_one(tmp_path: Path) -> None:
 
 def test_nothing_that_counts_is_an_error_and_nothing_is_written(tmp_path: Path) -> None:
     path = write(tmp_path, "practice.csv", pd.DataFrame(VOTES).assign(practice=1).to_csv(index=False))
-    with pytest.raises(VotesError, match=r"practice.csv: none of the 3 votes counts: 3 practice, 0 checks"):
+    with pytest.raises(VotesError, match=r"practice.csv: none of 3 votes counts: 3 practice, 0 checks"):
         analyse_file(path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+    single = write(tmp_path, "single.csv", pd.DataFrame(VOTES[:1]).assign(practice=1).to_csv(index=False))
+    with pytest.raises(VotesError, match=r"none of 1 vote counts: 1 practice, 0 checks"):
+        analyse_file(single, tmp_path / "out")
 
 
 def test_formulas_are_disarmed_in_tables_and_read_back_as_they_were(tmp_path: Path) -> None:

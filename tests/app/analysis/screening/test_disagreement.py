@@ -72,6 +72,15 @@ def test_alpha_without_ties_is_close_to_kendalls_u() -> None:
     assert krippendorff_alpha(votes)["alpha"] == pytest.approx(np.mean(us), abs=0.01)
 
 
+def test_people_who_agree_exactly_leave_alpha_without_an_interval() -> None:
+    alike = [
+        {"participant": f"p{who}", "dataset": "d", "item_a": "x", "item_b": other, "choice": "a"}
+        for who in range(9)
+        for other in "yz"
+    ]
+    assert krippendorff_alpha(votes_from_rows(alike)) == {"alpha": 1, "alpha_low": None, "alpha_high": None}
+
+
 def test_the_interval_of_alpha_holds_it_where_people_differ() -> None:
     found = [krippendorff_alpha(panel(seed)) for seed in range(40)]
     centre = np.mean([row["alpha"] for row in found])

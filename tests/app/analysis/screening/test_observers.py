@@ -77,6 +77,11 @@ def test_votes_on_films_that_did_not_run_are_flagged_where_it_is_known() -> None
     ran = [row | {"shown_smoothly": smooth} for smooth in (True, False, None)]
     (judged,) = observer_rows(votes_from_rows(ran), [], ties="rao-kupper")
     assert (judged["not_smooth"], judged["flags"]) == (1, ["films not shown smoothly in 1 of 3 votes"])
+    alone = votes_from_rows([row | {"shown_smoothly": False, "both_seen": False}])
+    assert observer_rows(alone, [], ties="rao-kupper")[0]["flags"] == [
+        "only one side seen in the only vote",
+        "films not shown smoothly in the only vote",
+    ]
     (unknown,) = observer_rows(votes_from_rows([row, row]), [], ties="rao-kupper")
     assert (unknown["not_smooth"], unknown["flags"]) == (None, [])
 

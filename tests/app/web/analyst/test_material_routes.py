@@ -80,6 +80,8 @@ def test_a_plan_needs_no_study_and_says_what_people_can_show(manager: httpx.Clie
     large = manager.get("plan", params={**asked, "conditions": 50})
     assert is_problem(large, 422)
     assert "simulates 400 at most" in large.json()["detail"]
+    single = manager.get("plan", params={**asked, "conditions": 50, "datasets": 1})
+    assert "50 conditions in 1 dataset has" in single.json()["detail"]
 
 
 def test_every_listed_figure_is_sent_as_a_file(manager: httpx.Client, taken: dict[str, Any]) -> None:
