@@ -118,6 +118,7 @@ STRENGTH = re.compile(
     re.IGNORECASE,
 )
 
+NOT_THERE = ("NA", "na", "N/A", "n/a", "NaN", "nan", "#N/A", "NULL", "null", ".", "-")  # in the place of nothing
 # What is never a person or a condition, though it stands in a column beside them.
 NEVER = frozenset(
     words_of(
@@ -135,6 +136,7 @@ NEVER = frozenset(
         "latitude longitude scene locationlatitude locationlongitude qrecaptchascore externalreference phase city "
         "zip zipcode email income height_cm cohort site lab room price reward payment bonus kurtosis skew skewness "
         "outlier outliers ratio percent iqr clicks plays replays views looks switches toggles visits position hours "
+        "collectorid customdata1 "
         "familiarity gaming ssq tlx sus presence nausea sickness cybersickness discomfort workload immersion alter "
         "geschlecht edad sexo sexe mittelwert durchschnitt moyenne promedio overall stdabw stabw standardabweichung "
         "anzahl streuung varianz écarttype 平均 平均值 标准差 minimum maximum datum uhrzeit zeit zeitstempel dauer "
