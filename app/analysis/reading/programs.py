@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from app.analysis.reading.addresses import without_keys
 from app.analysis.reading.cells import Table, column_of, is_numeric, number_or_nan, same, shown
 from app.analysis.reading.files.nested import QUESTION
 from app.analysis.reading.headers import (
@@ -59,7 +60,7 @@ def restated(table: Table, name: str = "", question: str = "") -> Table:
     """
     if name and name not in KNOWN:
         raise VotesError(f"--format {name} is not known; known are {', '.join(KNOWN)}")
-    table = _without_missing(without_units(table))
+    table = without_keys(_without_missing(without_units(table)))
     if QUESTION in table.columns:
         table = _one_question(table, QUESTION, question)
     for known, program in PROGRAMS.items():
