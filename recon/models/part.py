@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from recon.capture.images import is_cut
 from recon.runtime.files import first_of
+from recon.runtime.picture_size import check_announced
 
 NEUTRAL = 170  # sRGB grey of what has no colour
 FARTHEST = 1e12  # of a coordinate; beyond it is no scene, and areas would overflow
@@ -168,6 +169,7 @@ def decode_picture(content: bytes, name: str) -> NDArray[np.uint8]:
     """
     if is_cut(content):
         raise ValueError(f"its texture {name} is cut off after {len(content)} bytes")
+    check_announced(content, f"its texture {name} ")
     pixels = None
     try:
         if content:

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageSequence
 from PIL.TiffImagePlugin import TiffImageFile
 
+from recon.runtime.picture_size import MOST_PIXELS
+
 GREY_OR_RGB = (1, 2)  # colours of 16 bits that OpenCV reads right, by TIFF's number
 BITS, COLOURS, ORIENTATION, PLANES, FORMAT = 258, 262, 274, 284, 339  # tags
 UNREADABLE = (
@@ -31,8 +33,7 @@ def read_tiff(content: bytes) -> NDArray[Any]:
     A ValueError says what it holds that is not read.
     """
     try:
-        with Image.open(BytesIO(content), formats=("TIFF",)) as picture:
-            assert isinstance(picture, TiffImageFile), "no other format was allowed"
+        with TiffImageFile(BytesIO(content)) as picture:  # `Image.open` has a limit of its own, which warns
             bits = max(picture.tag_v2.get(BITS, (1,)))
             unread = _unread(picture, bits)
             pixels = None if unread else _sixteen(content) if bits > 8 else np.asarray(picture.convert("RGB"))
@@ -45,7 +46,9 @@ def read_tiff(content: bytes) -> NDArray[Any]:
 
 def _unread(picture: TiffImageFile, bits: int) -> str:
     """Return what a picture has that neither library reads as it is meant, or nothing."""
-    tags = picture.tag_v2
+    tags, (width, height) = picture.tag_v2, picture.size
+    if width * height > MOST_PIXELS:
+        return f"of {width}x{height} pixels"
     if bits > 16 or set(tags.get(FORMAT, (1,))) != {1}:
         return f"of {bits} bits a channel, floating or signed"
     if tags.get(ORIENTATION, 1) != 1:

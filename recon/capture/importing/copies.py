@@ -6,7 +6,6 @@ so; where the values of a recording fill fewer, as those of cameras with 10, 12 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -28,12 +27,12 @@ from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.pictures import copy_file
 from recon.geometry.rig import Camera
 from recon.runtime.files import allowed
+from recon.runtime.pnm import is_pnm
 
 CAMERA_BITS = (8, 10, 12, 14)  # that programs write into the lower bits of 16
 FULL = 65535
 STARTS = {".png": PNG_START, ".jpg": JPEG_START, ".jpeg": JPEG_START}  # of the files that are copied as they are
-HEAD_BYTES = 512
-PNM_LARGEST = re.compile(rb"P[2356]\s(?:\s*#[^\n]*\n)*\s*\d+\s+(?:#[^\n]*\n\s*)*\d+\s+(?:#[^\n]*\n\s*)*(\d+)\s")
+HEAD_BYTES = 32
 
 
 def stored(camera: Camera) -> Camera:
@@ -68,12 +67,12 @@ def copy_picture(camera: Camera, source: Path, target: Path, frame: int | None =
     bits : that the values of 16 fill
     """
     allowed(source)
-    is_fisheye = isinstance(camera, FisheyeCamera)
-    if not is_fisheye and (is_video(target) or (_is_of(source, target) and not (bits < 16 and _is_deep(source)))):
+    is_fisheye, is_spread = isinstance(camera, FisheyeCamera), bits < 16 and _is_deep(source)
+    if not is_fisheye and (is_video(target) or (_is_of(source, target) and not is_spread)):
         copy_file(source, target)
         return
     decoded = read_deep_image(source) if frame is None or not is_video(source) else read_video_frame(source, frame)
-    picture = _spread(source, decoded, bits)
+    picture = _spread(decoded, bits) if is_spread else decoded
     if isinstance(camera, FisheyeCamera):
         picture = camera.undistorted(picture)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -114,15 +113,10 @@ def _is_deep(path: Path) -> bool:
         head = file.read(HEAD_BYTES)
     if head.startswith(STARTS[".png"]):
         return head[24:25] == b"\x10"  # of the chunk IHDR
-    return PNM_LARGEST.match(head) is None and read_deep_image(path).dtype == np.uint16
+    return not is_pnm(head) and read_deep_image(path).dtype == np.uint16
 
 
-def _spread(path: Path, pixels: Pixels, bits: int) -> Pixels:
-    """Bring values that fill fewer bits, or have another largest one, to all of 8 or 16."""
-    with path.open("rb") as file:
-        told = PNM_LARGEST.match(file.read(HEAD_BYTES))
-    full = np.iinfo(pixels.dtype).max
-    largest = int(told[1]) if told else 2**bits - 1 if pixels.dtype == np.uint16 else full
-    if not 0 < largest < full:
-        return pixels
-    return np.asarray(np.rint(np.minimum(pixels, largest) * (full / largest)), pixels.dtype)
+def _spread(pixels: Pixels, bits: int) -> Pixels:
+    """Bring values of 16 bits that fill fewer to all of them."""
+    largest = 2**bits - 1
+    return np.asarray(np.rint(np.minimum(pixels, largest) * (FULL / largest)), np.uint16)
