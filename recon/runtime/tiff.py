@@ -19,7 +19,8 @@ from PIL.TiffImagePlugin import TiffImageFile
 from recon.runtime.picture_size import MOST_PIXELS
 
 GREY_OR_RGB = (1, 2)  # colours of 16 bits that OpenCV reads right, by TIFF's number
-BITS, COLOURS, ORIENTATION, PLANES, FORMAT = 258, 262, 274, 284, 339  # tags
+BITS, COLOURS, ORIENTATION, LARGEST, PLANES, FORMAT = 258, 262, 274, 281, 284, 339  # tags
+FULL_BITS = 16
 UNREADABLE = (
     *(OSError, SyntaxError, ValueError, TypeError, LookupError, OverflowError, EOFError, MemoryError, struct.error),
     Image.DecompressionBombError,
@@ -42,6 +43,14 @@ def read_tiff(content: bytes) -> NDArray[Any]:
     if pixels is None:
         raise ValueError(f"is a TIFF {unread or 'that is damaged'}, which is not read")
     return pixels
+
+
+def stated_bits(content: bytes) -> int:
+    """Return how many bits the values of a TIFF have, as its BitsPerSample or MaxSampleValue says; 0 if neither."""
+    with TiffImageFile(BytesIO(content)) as picture:
+        bits = max(picture.tag_v2.get(BITS, (1,)))
+        largest = np.max(picture.tag_v2.get(LARGEST, 0))
+    return bits if bits != FULL_BITS else int(largest).bit_length()
 
 
 def _unread(picture: TiffImageFile, bits: int) -> str:

@@ -6,15 +6,14 @@ so; where the values of a recording fill fewer, as those of cameras with 10, 12 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from recon.capture.bits import is_deep
 from recon.capture.images import (
     IMAGE_SUFFIXES,
     JPEG_START,
-    PICTURE_SUFFIXES,
     PNG_START,
     CaptureError,
     Pixels,
@@ -27,12 +26,9 @@ from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.pictures import copy_file
 from recon.geometry.rig import Camera
 from recon.runtime.files import allowed
-from recon.runtime.pnm import is_pnm
 
-CAMERA_BITS = (8, 10, 12, 14)  # that programs write into the lower bits of 16
 FULL = 65535
 STARTS = {".png": PNG_START, ".jpg": JPEG_START, ".jpeg": JPEG_START}  # of the files that are copied as they are
-HEAD_BYTES = 32
 
 
 def stored(camera: Camera) -> Camera:
@@ -47,15 +43,6 @@ def copied_suffix(camera: Camera, path: Path) -> str:
     return suffix if is_copied and not isinstance(camera, FisheyeCamera) else ".png"
 
 
-def used_bits(pictures: Iterable[Path]) -> int:
-    """Return how many bits the values of pictures fill, all of them together: 16, or fewer of those with 16 bits.
-
-    Files that say themselves what their largest value is, PGM and PPM, do not count.
-    """
-    largest = max((int(read_deep_image(path).max()) for path in pictures if _is_deep(path)), default=FULL)
-    return next((bits for bits in CAMERA_BITS if 0 < largest < 2**bits), 16)
-
-
 def copy_picture(camera: Camera, source: Path, target: Path, frame: int | None = None, *, bits: int = 16) -> None:
     """Copy a picture as it is, if the target can hold it so; else write what it shows, that of a fisheye undistorted.
 
@@ -67,7 +54,7 @@ def copy_picture(camera: Camera, source: Path, target: Path, frame: int | None =
     bits : that the values of 16 fill
     """
     allowed(source)
-    is_fisheye, is_spread = isinstance(camera, FisheyeCamera), bits < 16 and _is_deep(source)
+    is_fisheye, is_spread = isinstance(camera, FisheyeCamera), bits < 16 and is_deep(source)
     if not is_fisheye and (is_video(target) or (_is_of(source, target) and not is_spread)):
         copy_file(source, target)
         return
@@ -102,18 +89,6 @@ def _is_of(source: Path, target: Path) -> bool:
     start = STARTS.get(target.suffix.lower(), b"?")
     with source.open("rb") as file:
         return file.read(len(start)) == start
-
-
-def _is_deep(path: Path) -> bool:
-    """Tell whether a picture has 16 bits whose use it does not tell itself."""
-    suffix = path.suffix.lower()
-    if suffix not in PICTURE_SUFFIXES or suffix in (".jpg", ".jpeg", ".bmp", ".exr") or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
-    if head.startswith(STARTS[".png"]):
-        return head[24:25] == b"\x10"  # of the chunk IHDR
-    return not is_pnm(head) and read_deep_image(path).dtype == np.uint16
 
 
 def _spread(pixels: Pixels, bits: int) -> Pixels:
