@@ -92,6 +92,8 @@ class Contents:
         ValueError
             If it is missing, or lies outside the folder of the model's folder, whose other files are none of its own.
         """
+        if "\0" in name:
+            raise ValueError(f"its {what} {name!r:.80} is no name of a file")
         folder = self.files[0].parent
         near = name.replace("\\", "/")
         path = folder / near
