@@ -11,7 +11,13 @@ JPEG_SCAN = 0xDA
 
 
 def check_size(width: int, height: int, what: str = "") -> None:
-    """Raise a ValueError if a picture has more pixels than are read; `what` begins the message."""
+    """Raise a ValueError if a picture has more pixels than are read.
+
+    Parameters
+    ----------
+    width, height : pixels
+    what : begins the message
+    """
     if width * height > MOST_PIXELS:
         raise ValueError(f"{what}announces {width}x{height} pixels, expected at most {MOST_PIXELS / 1e6:.0f} million")
 

@@ -11,16 +11,16 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.reading.addresses import without_keys
 from app.analysis.reading.cells import Table, column_of, is_numeric, number_or_nan, same, shown
-from app.analysis.reading.files.nested import QUESTION
-from app.analysis.reading.headers import (
+from app.analysis.reading.files.addresses import without_keys
+from app.analysis.reading.files.headers import (
     is_qualtrics,
     is_surveymonkey,
     restate_qualtrics,
     restate_surveymonkey,
     without_units,
 )
+from app.analysis.reading.files.nested import QUESTION
 from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import NOT_THERE, TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, means, pairs_in, plain

@@ -14,6 +14,7 @@ import numpy as np
 
 from app.analysis.reading.cells import Column, Table, is_numeric, n_different, named, shown, values_of
 from app.analysis.reading.description import JOIN, RATINGS, VOTES, Description, QuestionError, Reading, Told
+from app.analysis.reading.kinds.practice import TRIAL_NUMBER, Practice, practice_in
 from app.analysis.reading.kinds.rankings import find_best_worst, find_ranked_columns, find_ranking, find_wide_ranks
 from app.analysis.reading.kinds.ratings import find_comparisons, find_ratings, find_wide_ratings, quietly
 from app.analysis.reading.kinds.seen import FEWEST_RATED, WIDE_ROLES, Finder, Seen, columns_of_numbers
@@ -28,7 +29,6 @@ from app.analysis.reading.kinds.votes import (
 )
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.phrases import counted
-from app.analysis.reading.practice import TRIAL_NUMBER, Practice, practice_in
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import (
     COUNTS,

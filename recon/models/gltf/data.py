@@ -79,15 +79,27 @@ def named(part: str) -> Iterator[None]:
 
 
 def numbers(value: object, n: int, what: str) -> NDArray[np.float64]:
-    """Return `n` finite numbers of a document, float64 (n,); `what` is for the message."""
+    """Return numbers of a document, float64 (n,).
+
+    Parameters
+    ----------
+    value : as parsed
+    n : how many there must be
+    what : they are, for the message
+
+    Raises
+    ------
+    ValueError
+        If it is something else, or one of them is not finite.
+    """
     try:
-        found = np.array(value, np.float64)
+        values = np.array(value, np.float64)
     except (TypeError, ValueError, OverflowError):
-        found = np.array(np.nan)
-    if found.shape != (n,) or not np.isfinite(found).all():
+        values = np.array(np.nan)
+    if values.shape != (n,) or not np.isfinite(values).all():
         shown = value.tolist() if isinstance(value, np.ndarray) else value
         raise ValueError(f"{what} is {shown!r:.80}, expected {n} finite number{'s' * (n > 1)}")
-    return found
+    return values
 
 
 class GltfData:

@@ -39,23 +39,22 @@ def practice_in(table: Table, taken: Collection[str]) -> Practice:
     table : as it is recognised
     taken : names of columns that say something else
     """
-    found = Practice(np.zeros(len(table), bool))
+    is_practice, columns, notes, warnings = np.zeros(len(table), bool), [], [], []
     for name, column in table.columns.items():
         if name in taken or not NAMES_TRIALS.search(name):
             continue
         is_counted = bool(NUMBERS_TRIALS.search(plain(name)))
         rows = column.meaning(partial(_is_practice, numbers=is_counted), bool)
-        if rows.any() and not (found.rows | rows).all():
+        if rows.any() and not (is_practice | rows).all():
+            is_practice |= rows
+            columns.append(name)
             words = named([*map(repr, column.where(rows).filled)])
             left = f"{counted(int(rows.sum()), 'row')} {'is' if rows.sum() == 1 else 'are'} left out as practice"
-            note = f"{left} (the column {name!r} is {words}); --columns trial=- counts them"
-            found = Practice(found.rows | rows, (*found.columns, name), (*found.notes, note), found.warnings)
+            notes.append(f"{left} (the column {name!r} is {words}); --columns trial=- counts them")
         if is_counted and (zeros := _doubtful_zeros(column)):
-            warning = (
-                f"the column {name!r} is 0 in {counted(zeros, 'row')}, which count: leave them out if they are practice"
-            )
-            found = Practice(found.rows, found.columns, found.notes, (*found.warnings, warning))
-    return found
+            where = f"the column {name!r} is 0 in {counted(zeros, 'row')}"
+            warnings.append(f"{where}, which count: leave them out if they are practice")
+    return Practice(is_practice, tuple(columns), tuple(notes), tuple(warnings))
 
 
 def _is_practice(word: str, *, numbers: bool) -> bool:
