@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from recon.geometry.srgb import srgb_bytes
 from recon.runtime.exr import exr_channels
 from recon.runtime.files import write_bytes
+from recon.runtime.picture_size import check_announced
+from recon.runtime.pnm import is_pnm, read_pnm
 from recon.runtime.tiff import read_tiff
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")  # of a capture's pictures
@@ -64,8 +66,11 @@ def read_deep_image(path: Path) -> Pixels:
     if path.suffix.lower() == ".exr":
         return srgb_bytes(_light(path))
     content = _image_bytes(path)
-    if content[:4].tobytes() in TIFF_STARTS:
+    start = content[:4].tobytes()
+    if start in TIFF_STARTS:
         return _tiff(path, content.tobytes())
+    if is_pnm(start):
+        return _pnm(path, content.tobytes())
     flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     return np.asarray(_decoded(path, content, flags))
 
@@ -78,6 +83,13 @@ def _tiff(path: Path, content: bytes) -> Pixels:
             f"{path}: {error}; expected one picture of 8 or 16 bits, grey or RGB: write it as PNG, floating numbers as "
             "EXR"
         ) from error
+
+
+def _pnm(path: Path, content: bytes) -> Pixels:
+    try:
+        return read_pnm(content)
+    except ValueError as error:
+        raise CaptureError(f"{path}: {error}") from error
 
 
 def _light(path: Path) -> NDArray[np.floating]:
@@ -225,6 +237,10 @@ def _image_bytes(path: Path) -> NDArray[np.uint8]:
         raise CaptureError(f"{path}: is cut off after {len(content)} bytes, before the end of its picture, or damaged")
     if not content:
         raise CaptureError(f"{path}: is empty")
+    try:
+        check_announced(content, f"{path}: ")
+    except ValueError as error:
+        raise CaptureError(str(error)) from error
     return np.frombuffer(content, dtype=np.uint8)
 
 

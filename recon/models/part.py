@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from recon.capture.images import is_cut
 from recon.runtime.files import first_of
+from recon.runtime.picture_size import check_announced
 
 NEUTRAL = 170  # sRGB grey of what has no colour
 FARTHEST = 1e12  # of a coordinate; beyond it is no scene, and areas would overflow
@@ -91,6 +92,8 @@ class Contents:
         ValueError
             If it is missing, or lies outside the folder of the model's folder, whose other files are none of its own.
         """
+        if "\0" in name:
+            raise ValueError(f"its {what} {name!r:.80} is no name of a file")
         folder = self.files[0].parent
         near = name.replace("\\", "/")
         path = folder / near
@@ -168,6 +171,7 @@ def decode_picture(content: bytes, name: str) -> NDArray[np.uint8]:
     """
     if is_cut(content):
         raise ValueError(f"its texture {name} is cut off after {len(content)} bytes")
+    check_announced(content, f"its texture {name} ")
     pixels = None
     try:
         if content:

@@ -16,8 +16,11 @@ from numpy.typing import NDArray
 from PIL import Image, ImageSequence
 from PIL.TiffImagePlugin import TiffImageFile
 
+from recon.runtime.picture_size import MOST_PIXELS
+
 GREY_OR_RGB = (1, 2)  # colours of 16 bits that OpenCV reads right, by TIFF's number
-BITS, COLOURS, ORIENTATION, PLANES, FORMAT = 258, 262, 274, 284, 339  # tags
+BITS, COLOURS, ORIENTATION, LARGEST, PLANES, FORMAT = 258, 262, 274, 281, 284, 339  # tags
+FULL_BITS = 16
 UNREADABLE = (
     *(OSError, SyntaxError, ValueError, TypeError, LookupError, OverflowError, EOFError, MemoryError, struct.error),
     Image.DecompressionBombError,
@@ -31,8 +34,7 @@ def read_tiff(content: bytes) -> NDArray[Any]:
     A ValueError says what it holds that is not read.
     """
     try:
-        with Image.open(BytesIO(content), formats=("TIFF",)) as picture:
-            assert isinstance(picture, TiffImageFile), "no other format was allowed"
+        with TiffImageFile(BytesIO(content)) as picture:  # `Image.open` has a limit of its own, which warns
             bits = max(picture.tag_v2.get(BITS, (1,)))
             unread = _unread(picture, bits)
             pixels = None if unread else _sixteen(content) if bits > 8 else np.asarray(picture.convert("RGB"))
@@ -43,9 +45,19 @@ def read_tiff(content: bytes) -> NDArray[Any]:
     return pixels
 
 
+def stated_bits(content: bytes) -> int:
+    """Return how many bits the values of a TIFF have, as its BitsPerSample or MaxSampleValue says; 0 if neither."""
+    with TiffImageFile(BytesIO(content)) as picture:
+        bits = max(picture.tag_v2.get(BITS, (1,)))
+        largest = np.max(picture.tag_v2.get(LARGEST, 0))
+    return bits if bits != FULL_BITS else int(largest).bit_length()
+
+
 def _unread(picture: TiffImageFile, bits: int) -> str:
     """Return what a picture has that neither library reads as it is meant, or nothing."""
-    tags = picture.tag_v2
+    tags, (width, height) = picture.tag_v2, picture.size
+    if width * height > MOST_PIXELS:
+        return f"of {width}x{height} pixels"
     if bits > 16 or set(tags.get(FORMAT, (1,))) != {1}:
         return f"of {bits} bits a channel, floating or signed"
     if tags.get(ORIENTATION, 1) != 1:

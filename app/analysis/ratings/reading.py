@@ -16,6 +16,7 @@ from app.analysis.reading.layouts import LongTable, flags, rows_of
 from app.analysis.reading.phrases import counted, listed
 from app.analysis.reading.sources import Source, fingerprint, in_lists, look_alikes, recognise_file
 from app.analysis.reading.votes_table import ROLE_CODES, VotesError
+from app.analysis.reading.words import stars_in
 
 SCALE = (1.0, 5.0)  # of ITU-T P.910, five-level
 COMPARISON_SCALE = (-3.0, 3.0)  # of ITU-T P.910, seven-level
@@ -209,7 +210,10 @@ def _scaled(
         return column.text(row)
 
     is_filled = column.meaning(bool, bool)
-    problems.add(np.isnan(rating) & is_filled, lambda row: f"{cell(row)} {shown(word(row))}, expected a number")
+    problems.add(
+        np.isnan(rating) & is_filled,
+        lambda row: f"{cell(row)} {shown(word(row))}, expected a number{_in_numbers(word(row))}",
+    )
     hint = "another scale: --scale LOW:HIGH; a code for no answer is to be an empty cell"
     if description.holds == COMPARISONS:
         hint = "another scale: --scale -HIGH:HIGH; 0 is to be its middle"
@@ -219,6 +223,12 @@ def _scaled(
         (rating < low) | (rating > high), lambda row: f"{cell(row)} {word(row)}, expected {low:g} to {high:g} ({hint})"
     )
     return np.asarray(rating, np.float64)
+
+
+def _in_numbers(word: str) -> str:
+    """Say what to write instead of stars of which it is not known what they count to."""
+    full, n = stars_in(word) or (0, 0)
+    return f": write {full}, of --scale 0:{n}" if full < n else ""
 
 
 def _lower(rows: LongTable, role: str) -> NDArray[np.object_]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError
 
+FEW = 100  # rows that are wrong in one way, of which it is asked whether all are the first
 LONGEST_VALUE = 80  # letters of a file that a message repeats
 FEWEST_SORTED = 2**26  # keys of which not each has a byte
 LARGEST_KEY = 2**62  # that an int64 holds
@@ -222,21 +223,27 @@ class Problems:
     Parameters
     ----------
     row : the row of the file of a row counted from 0
+    lines : what is wrong, in words
+    wrong_rows : rows of the file in which it is, some of each kind
     """
 
     row: Callable[[int], int]
     lines: list[str] = field(default_factory=list)
+    wrong_rows: list[int] = field(default_factory=list)
 
     def add(self, is_bad: NDArray[np.bool_], why: str | Callable[[int], str]) -> None:
         """Note the first of the bad rows, bool (N,), with the reason and the number of further ones."""
         rows = np.flatnonzero(is_bad)
         if len(rows):
             first = int(rows[0])
+            self.wrong_rows += map(self.row, rows[:FEW].tolist())
             more = f" (and {counted(len(rows) - 1, 'more row')} like it)" if len(rows) > 1 else ""
             self.lines.append(f"row {self.row(first)}: {why if isinstance(why, str) else why(first)}{more}")
 
     def check(self) -> None:
         """Raise if anything is wrong."""
+        if len(self.wrong_rows) > 1 and set(self.wrong_rows) == {1}:
+            self.lines.append("nothing else is wrong: if row 1 is a second header, delete row 1")
         if self.lines:
             raise VotesError("\n".join(self.lines))
 

@@ -11,11 +11,19 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.reading.cells import Column, Table, column_of, is_numeric, number_or_nan, same, shown
+from app.analysis.reading.cells import Table, column_of, is_numeric, number_or_nan, same, shown
+from app.analysis.reading.files.addresses import without_keys
+from app.analysis.reading.files.headers import (
+    is_qualtrics,
+    is_surveymonkey,
+    restate_qualtrics,
+    restate_surveymonkey,
+    without_units,
+)
 from app.analysis.reading.files.nested import QUESTION
 from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, means, pair_in, pairs_in, plain
+from app.analysis.reading.words import NOT_THERE, TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, means, pairs_in, plain
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,7 @@ def restated(table: Table, name: str = "", question: str = "") -> Table:
     """
     if name and name not in KNOWN:
         raise VotesError(f"--format {name} is not known; known are {', '.join(KNOWN)}")
-    table = _without_missing(table)
+    table = without_keys(_without_missing(without_units(table)))
     if QUESTION in table.columns:
         table = _one_question(table, QUESTION, question)
     for known, program in PROGRAMS.items():
@@ -125,28 +133,6 @@ def _renamed(table: Table, names: Mapping[str, str]) -> Table:
     return replace(table, columns=columns)
 
 
-def _is_qualtrics(table: Table) -> bool:
-    return len(table) > 1 and any("ImportId" in column.text(1) for column in table.columns.values())
-
-
-def _qualtrics(table: Table) -> Table:
-    """Leave out the rows of questions and of import ids; a question that names a pair names its column."""
-    columns: dict[str, Column] = {}
-    for name, column in table.columns.items():
-        question = column.text(0)
-        better = question if pair_in(name) is None and (VERSUS.search(question) and pair_in(question)) else name
-        columns[better if better not in columns else name] = column
-    kept = replace(table, columns=columns).where(np.arange(len(table)) >= 2)  # two rows of three headers
-    warnings = []
-    for name, words in (("Status", ("survey preview", "spam", "1")), ("Finished", ("false", "0"))):
-        if name in columns:
-            odd = kept.columns[name].meaning(lambda word, bad=words: word.lower() in bad, bool)  # type: ignore[misc]
-            if odd.any():
-                warnings.append(f"{name} calls {counted(int(odd.sum()), 'row')} a preview or unfinished; all count")
-    note = "the rows of questions and of import ids are left out"
-    return replace(kept, notes=(*table.notes, note), warnings=tuple(warnings))
-
-
 def _psychopy(table: Table) -> Table:
     """Leave out rows of instructions, which show no item, and find the answer among the keys."""
     pairs = [name for name in table.names if (end := ends_of(name)) and end[0]] or [
@@ -184,7 +170,6 @@ def _crowd_columns(table: Table) -> dict[str, str]:
     return matched
 
 
-NOT_THERE = ("NA", "na", "N/A", "n/a", "NaN", "nan", "#N/A", "NULL", "null", ".", "-")
 REFERENCE = "reference"  # as item_a of comparisons whose other film is named alone
 
 
@@ -321,7 +306,8 @@ def _webmushra_pairs(table: Table) -> Table:
 
 
 PROGRAMS: dict[str, Program] = {
-    "qualtrics": Program(_is_qualtrics, _qualtrics, "three rows of headers; the third holds ImportId"),
+    "qualtrics": Program(is_qualtrics, restate_qualtrics, "three rows of headers; the third holds ImportId"),
+    "surveymonkey": Program(is_surveymonkey, restate_surveymonkey, "Respondent ID, Collector ID; options in row 1"),
     "p910-crowd": Program(
         _crowd_columns,
         _crowd,

@@ -19,7 +19,6 @@ from app.analysis.reading.choices import UNKNOWN, Asked, Meaning, codes_of
 from app.analysis.reading.description import VOTES, Description, Told
 from app.analysis.reading.layouts import LongTable, flags, rows_of, stacked
 from app.analysis.reading.phrases import counted
-from app.analysis.reading.programs import NOT_THERE
 from app.analysis.reading.recognise import recognise
 from app.analysis.reading.sources import Source, fingerprint, in_lists, in_several, look_alikes, recognise_file
 from app.analysis.reading.votes_table import (
@@ -36,6 +35,7 @@ from app.analysis.reading.votes_table import (
     naming,
     unrecorded,
 )
+from app.analysis.reading.words import NOT_THERE
 
 LARGEST_COUNT = 1e12  # of a row; sums of millions of such rows are whole numbers still
 MAY_BE_UNKNOWN = {"participant": "votes count as independent", "dataset": "all votes are on one dataset"}

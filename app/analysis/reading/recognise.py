@@ -7,11 +7,14 @@ Where two readings fit, they are asked and not chosen.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
+
+import numpy as np
 
 from app.analysis.reading.cells import Column, Table, is_numeric, n_different, named, shown, values_of
 from app.analysis.reading.description import JOIN, RATINGS, VOTES, Description, QuestionError, Reading, Told
+from app.analysis.reading.kinds.practice import TRIAL_NUMBER, Practice, practice_in
 from app.analysis.reading.kinds.rankings import find_best_worst, find_ranked_columns, find_ranking, find_wide_ranks
 from app.analysis.reading.kinds.ratings import find_comparisons, find_ratings, find_wide_ratings, quietly
 from app.analysis.reading.kinds.seen import FEWEST_RATED, WIDE_ROLES, Finder, Seen, columns_of_numbers
@@ -170,6 +173,8 @@ def _lacking(seen: Seen) -> str:
 def _with_lists(seen: Seen, description: Description) -> Description:
     """Complete a description with the columns that are not used, and what to be warned of."""
     used = {name for names in description.columns.values() for name in names} | set(description.spread)
+    practice = _practice(seen, description, used)
+    used |= {*practice.columns}
     rest = tuple(name for name in seen.table.names if name not in used)
     warnings = [*description.warnings]
     for name in rest:
@@ -204,7 +209,21 @@ def _with_lists(seen: Seen, description: Description) -> Description:
         names = [seen.column(next(iter(description.columns.values()))[0]).texts[row] for row in description.without]
         rows = ", ".join(str(seen.table.row(row)) for row in description.without)
         warnings.append(f"row {rows} is not used: {', '.join(map(repr, names))} is nobody but a summary")
-    return replace(description, not_used=rest, warnings=tuple(warnings))
+    return replace(
+        description,
+        not_used=rest,
+        without=(*description.without, *np.flatnonzero(practice.rows).tolist()),
+        notes=(*description.notes, *practice.notes),
+        warnings=(*warnings, *practice.warnings),
+    )
+
+
+def _practice(seen: Seen, description: Description, used: Set[str]) -> Practice:
+    """Find rows of practice, unless a column says of each whether it is, or the user that no column numbers trials."""
+    is_told = "practice" in seen.told.columns or ("trial" in seen.told.columns and "trial" not in seen.given)
+    if is_told or "practice" in description.columns:
+        return Practice(np.zeros(len(seen.table), bool))
+    return practice_in(seen.table, used - {*description.columns.get("trial", ())})
 
 
 def _may_turn_choices(name: str, column: Column, description: Description) -> bool:
@@ -237,7 +256,6 @@ REVERSED = re.compile(
     r"revers|invert|\b1\s*(=|:|is|means)\s*(the )?(best|excellent|very good|sehr gut)|schulnote", re.IGNORECASE
 )
 MORE_IS_BETTER = "more counts as better; turn the numbers round where it is not"
-TRIAL_NUMBER = re.compile(r"trial(s|no|nr|num|number|index|id|n)?$|timestamp$|thisn$")  # of plain names
 RUN = re.compile(r"session|phase|block|part$|run$|loop|repe", re.IGNORECASE)  # in which numbers may begin again
 MOST_KINDS = 20  # different texts of a column that may tell repeated rows apart; more are numbers of trials
 

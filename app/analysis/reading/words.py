@@ -110,6 +110,7 @@ STRENGTH = re.compile(
     re.IGNORECASE,
 )
 
+NOT_THERE = ("NA", "na", "N/A", "n/a", "NaN", "nan", "#N/A", "NULL", "null", ".", "-")  # in the place of nothing
 # What is never a person or a condition, though it stands in a column beside them.
 NEVER = frozenset(
     words_of(
@@ -127,6 +128,7 @@ NEVER = frozenset(
         "latitude longitude scene locationlatitude locationlongitude qrecaptchascore externalreference phase city "
         "zip zipcode email income height_cm cohort site lab room price reward payment bonus kurtosis skew skewness "
         "outlier outliers ratio percent iqr clicks plays replays views looks switches toggles visits position hours "
+        "collectorid customdata1 "
         "familiarity gaming ssq tlx sus presence nausea sickness cybersickness discomfort workload immersion alter "
         "geschlecht edad sexo sexe mittelwert durchschnitt moyenne promedio overall stdabw stabw standardabweichung "
         "anzahl streuung varianz écarttype 平均 平均值 标准差 minimum maximum datum uhrzeit zeit zeitstempel dauer "
@@ -174,6 +176,8 @@ SCALES = (  # ITU-T P.910, absolute categories, and the same in other languages
 )
 GRADES = {word: float(5 - place) for words in SCALES for place, word in enumerate(words.split(","))}
 LABELLED = re.compile(r"(\d+)(?:\s*[-–—:.=()]\s*|\s+)[^\W\d]\D*")  # "5 - Excellent", "4 (good)", "3 stars"
+STARS = re.compile(r"((?:[★⭐*]\ufe0f?\s*)+)((?:☆\s*)*)")  # full ones, then hollow ones
+MOST_STARS = 5  # where nobody says of how many
 MOST_WORDS = 12  # different texts of a column whose cells are looked at; more are names or numbers
 COMMENTS = re.compile(
     r"[\s_:,;()\[\]-]+(comments?|why|reasons?|remarks?|notes?|explanation|explain|conf|confidence|certainty|certain|"
@@ -200,14 +204,31 @@ def plain(name: str) -> str:
     return re.sub(r"[\s._-]", "", name).lower()
 
 
+def stars_in(word: str) -> tuple[int, int] | None:
+    """Return how many stars of a word such as ★★★☆☆ or *** are full, and how many there are; None for others."""
+    match = STARS.fullmatch(word)
+    if match is None:
+        return None
+    full, hollow = (len(re.findall(r"[★⭐*☆]", stars)) for stars in match.groups())
+    return full, full + hollow
+
+
+def _stars(word: str) -> int | None:
+    full, n = stars_in(word) or (0, 0)
+    return full if n == MOST_STARS or full == n > 0 else None
+
+
 def grades_in(words: Iterable[str]) -> dict[str, float]:
     """Return the grade of each word of a scale, in lower case; empty if one has none, or if there are none but numbers.
 
-    "Excellent" is 5, "2 - poor" is 2; a number beside them is itself, and a single word is rather a mistake.
+    "Excellent" is 5, "2 - poor" is 2, three stars are 3; a number beside them is itself. A single word is rather a
+    mistake, and *** what stands for a missing cell.
     """
     lower = dict.fromkeys(word.lower() for word in words)
     if len(lower) > 1 and lower.keys() <= GRADES.keys():
         return {word: GRADES[word] for word in lower}
+    if lower and all(map(_stars, lower)) and (len(lower) > 1 or "*" not in min(lower)):
+        return {word: float(_stars(word) or 0) for word in lower}
     numbers = {word: match[1] if (match := LABELLED.fullmatch(word)) else word for word in lower}
     is_scale = len(set(numbers.values())) == len(lower) > 1 and set(numbers.values()) != lower.keys()
     return (
@@ -219,7 +240,7 @@ def grades_in(words: Iterable[str]) -> dict[str, float]:
 
 def has_grade(word: str) -> bool:
     """May a word be one of a scale, as `grades_in` reads it?"""
-    return word.lower() in GRADES or word.isdecimal() or bool(LABELLED.fullmatch(word))
+    return word.lower() in GRADES or word.isdecimal() or bool(LABELLED.fullmatch(word) or _stars(word))
 
 
 def means(role: str, name: str) -> bool:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.bits import brightness_doubt
 from recon.capture.checking.consistency import (
     MAX_BRIGHTNESS,
     Comparison,
@@ -53,6 +54,7 @@ from recon.capture.format import (
 )
 from recon.capture.recording import CameraStream, SensorStream
 from recon.capture.schema import Draft
+from recon.runtime.remote import fetched
 
 SCHEMA_VERSION = 1
 SAME_POSE = 1e-6  # mm, and of a rotation's elements: what rounding in a file makes of one pose
@@ -137,6 +139,7 @@ def check_capture(capture_folder: Path) -> CheckReport:
         *draft.ignored,
         *_without_masks(draft.sensors),
         *(() if problems else _bounds_beside_pictures(draft)),
+        *(() if problems else brightness_doubt(_recorded(capture_folder, draft))),
         *unexplained(comparisons or ()),
         *unlike_exposures(comparisons or ()),
         *instants.warnings,
@@ -199,6 +202,13 @@ def _bounds_beside_pictures(draft: Draft) -> Iterator[str]:
     shares = [stream.camera.project(middle)[0] / stream.camera.size for stream in draft.cameras]  # of width and height
     if not any(((share >= 0) & (share < 1)).all() for share in shares):
         yield "no camera shows the middle of the bounds; they are the box around the object, in mm"
+
+
+def _recorded(folder: Path, draft: Draft) -> Iterator[Path]:
+    """Yield the files of all pictures that sensors recorded."""
+    for stream in draft.sensors:
+        for frame in range(draft.n_frames or 0):
+            yield from (fetched(picture.path) for picture in frame_pictures(folder, stream, frame))
 
 
 def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[Comparison]:

@@ -6,16 +6,14 @@ so; where the values of a recording fill fewer, as those of cameras with 10, 12 
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from recon.capture.bits import is_deep
 from recon.capture.images import (
     IMAGE_SUFFIXES,
     JPEG_START,
-    PICTURE_SUFFIXES,
     PNG_START,
     CaptureError,
     Pixels,
@@ -29,11 +27,8 @@ from recon.capture.pictures import copy_file
 from recon.geometry.rig import Camera
 from recon.runtime.files import allowed
 
-CAMERA_BITS = (8, 10, 12, 14)  # that programs write into the lower bits of 16
 FULL = 65535
 STARTS = {".png": PNG_START, ".jpg": JPEG_START, ".jpeg": JPEG_START}  # of the files that are copied as they are
-HEAD_BYTES = 512
-PNM_LARGEST = re.compile(rb"P[2356]\s(?:\s*#[^\n]*\n)*\s*\d+\s+(?:#[^\n]*\n\s*)*\d+\s+(?:#[^\n]*\n\s*)*(\d+)\s")
 
 
 def stored(camera: Camera) -> Camera:
@@ -48,15 +43,6 @@ def copied_suffix(camera: Camera, path: Path) -> str:
     return suffix if is_copied and not isinstance(camera, FisheyeCamera) else ".png"
 
 
-def used_bits(pictures: Iterable[Path]) -> int:
-    """Return how many bits the values of pictures fill, all of them together: 16, or fewer of those with 16 bits.
-
-    Files that say themselves what their largest value is, PGM and PPM, do not count.
-    """
-    largest = max((int(read_deep_image(path).max()) for path in pictures if _is_deep(path)), default=FULL)
-    return next((bits for bits in CAMERA_BITS if 0 < largest < 2**bits), 16)
-
-
 def copy_picture(camera: Camera, source: Path, target: Path, frame: int | None = None, *, bits: int = 16) -> None:
     """Copy a picture as it is, if the target can hold it so; else write what it shows, that of a fisheye undistorted.
 
@@ -68,12 +54,12 @@ def copy_picture(camera: Camera, source: Path, target: Path, frame: int | None =
     bits : that the values of 16 fill
     """
     allowed(source)
-    is_fisheye = isinstance(camera, FisheyeCamera)
-    if not is_fisheye and (is_video(target) or (_is_of(source, target) and not (bits < 16 and _is_deep(source)))):
+    is_fisheye, is_spread = isinstance(camera, FisheyeCamera), bits < 16 and is_deep(source)
+    if not is_fisheye and (is_video(target) or (_is_of(source, target) and not is_spread)):
         copy_file(source, target)
         return
     decoded = read_deep_image(source) if frame is None or not is_video(source) else read_video_frame(source, frame)
-    picture = _spread(source, decoded, bits)
+    picture = _spread(decoded, bits) if is_spread else decoded
     if isinstance(camera, FisheyeCamera):
         picture = camera.undistorted(picture)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -105,24 +91,7 @@ def _is_of(source: Path, target: Path) -> bool:
         return file.read(len(start)) == start
 
 
-def _is_deep(path: Path) -> bool:
-    """Tell whether a picture has 16 bits whose use it does not tell itself."""
-    suffix = path.suffix.lower()
-    if suffix not in PICTURE_SUFFIXES or suffix in (".jpg", ".jpeg", ".bmp", ".exr") or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
-    if head.startswith(STARTS[".png"]):
-        return head[24:25] == b"\x10"  # of the chunk IHDR
-    return PNM_LARGEST.match(head) is None and read_deep_image(path).dtype == np.uint16
-
-
-def _spread(path: Path, pixels: Pixels, bits: int) -> Pixels:
-    """Bring values that fill fewer bits, or have another largest one, to all of 8 or 16."""
-    with path.open("rb") as file:
-        told = PNM_LARGEST.match(file.read(HEAD_BYTES))
-    full = np.iinfo(pixels.dtype).max
-    largest = int(told[1]) if told else 2**bits - 1 if pixels.dtype == np.uint16 else full
-    if not 0 < largest < full:
-        return pixels
-    return np.asarray(np.rint(np.minimum(pixels, largest) * (full / largest)), pixels.dtype)
+def _spread(pixels: Pixels, bits: int) -> Pixels:
+    """Bring values of 16 bits that fill fewer to all of them."""
+    largest = 2**bits - 1
+    return np.asarray(np.rint(np.minimum(pixels, largest) * (FULL / largest)), np.uint16)

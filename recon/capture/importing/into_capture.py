@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.bits import used_bits
 from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import (
     CameraStream,
@@ -28,7 +29,7 @@ from recon.capture.format import (
     write_capture,
 )
 from recon.capture.images import is_video, video_times
-from recon.capture.importing.copies import copied_suffix, copy_mask, copy_picture, stored, used_bits
+from recon.capture.importing.copies import copied_suffix, copy_mask, copy_picture, stored
 from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import DepthSource, ImportOptions, Recording, SensorSource
 from recon.capture.pictures import DEFAULT_FPS, Pictures, common_rate, copy_file

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import base64
+import binascii
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 from urllib.parse import unquote
 
@@ -66,6 +68,40 @@ def chunks(content: bytes) -> tuple[bytes, bytes | None]:
     return chunks[GLB_JSON], chunks.get(GLB_BINARY)
 
 
+@contextmanager
+def named(part: str) -> Iterator[None]:
+    """Note with an error in which part of the document it was."""
+    try:
+        yield
+    except Exception as error:
+        error.add_note(part)
+        raise
+
+
+def numbers(value: object, n: int, what: str) -> NDArray[np.float64]:
+    """Return numbers of a document, float64 (n,).
+
+    Parameters
+    ----------
+    value : as parsed
+    n : how many there must be
+    what : they are, for the message
+
+    Raises
+    ------
+    ValueError
+        If it is something else, or one of them is not finite.
+    """
+    try:
+        values = np.array(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        values = np.array(np.nan)
+    if values.shape != (n,) or not np.isfinite(values).all():
+        shown = value.tolist() if isinstance(value, np.ndarray) else value
+        raise ValueError(f"{what} is {shown!r:.80}, expected {n} finite number{'s' * (n > 1)}")
+    return values
+
+
 class GltfData:
     """A glTF document with its buffers, each read once.
 
@@ -97,12 +133,15 @@ class GltfData:
     def resource(self, uri: str, what: str) -> bytes:
         """Return the bytes that a URI names: its own, or those of a file beside the document."""
         if uri.startswith("data:"):
-            return base64.b64decode(uri.partition(",")[2])
+            try:
+                return base64.b64decode(uri.partition(",")[2])
+            except binascii.Error as error:
+                raise ValueError(f"its {what} is no base64") from error
         return self.contents.beside(unquote(uri), what)
 
     def _buffer(self, index: int) -> bytes:
         if index not in self._buffers:
-            buffer = self.document["buffers"][index]
+            buffer = self.entry("buffers", index)
             content = self.resource(buffer["uri"], "buffer") if "uri" in buffer else self._binary
             if content is None or len(content) < buffer["byteLength"]:
                 n_bytes = 0 if content is None else len(content)
@@ -110,31 +149,57 @@ class GltfData:
             self._buffers[index] = content
         return self._buffers[index]
 
+    def entry(self, kind: str, index: int) -> Mapping[str, Any]:
+        """Return a part of the document that another one refers to by its number."""
+        entries = self.document[kind]
+        if not 0 <= index < len(entries):
+            raise ValueError(f"it refers to number {index} of {kind}, of which it has {len(entries)}")
+        entry: Mapping[str, Any] = entries[index]
+        return entry
+
     def view(self, index: int) -> bytes:
         """Return the bytes of a view of a buffer."""
-        view = self.document["bufferViews"][index]
-        start = view.get("byteOffset", 0)
-        return self._buffer(view["buffer"])[start : start + view["byteLength"]]
+        view = self.entry("bufferViews", index)
+        with named(f"bufferView {index}"):
+            start, buffer = view.get("byteOffset", 0), self._buffer(view["buffer"])
+            end = start + view["byteLength"]
+            if not 0 <= start <= end <= len(buffer):
+                raise ValueError(f"its bufferView {index} ends at byte {end} of a buffer of {len(buffer)}")
+            return buffer[start:end]
 
-    def accessor(self, index: int) -> NDArray[Any]:
-        """Return an accessor's values (N, width); normalised integers as floats."""
-        accessor = self.document["accessors"][index]
-        values = self._values(accessor, WIDTHS[accessor["type"]], index)
-        if "sparse" in accessor:
-            few = accessor["sparse"]
-            places = self._values({**few["indices"], "count": few["count"]}, 1, index)[:, 0]
-            values = values.copy()
-            values[places] = self._values({**accessor, **few["values"], "count": few["count"]}, values.shape[1], index)
-        if accessor.get("normalized"):
-            return np.maximum(values / np.float64(np.iinfo(values.dtype).max), -1)
-        return values
+    def accessor(self, index: int, *widths: int, n_rows: int | None = None) -> NDArray[Any]:
+        """Return an accessor's values (N, width); normalised integers as floats.
+
+        Parameters
+        ----------
+        index : its number
+        widths : of which it must have one
+        n_rows : that it must have; None if any number will do
+        """
+        accessor = self.entry("accessors", index)
+        with named(f"accessor {index}"):
+            width = WIDTHS[accessor["type"]]
+            if width not in widths:
+                wanted = " or ".join(name for name, n in WIDTHS.items() if n in widths)
+                raise ValueError(f"its accessor {index} holds {accessor['type']}, expected {wanted}")
+            values = self._values(accessor, width, index)
+            if n_rows is not None and len(values) != n_rows:
+                raise ValueError(f"its accessor {index} has {len(values)} rows, expected {n_rows}")
+            if "sparse" in accessor:
+                few = accessor["sparse"]
+                places = self._values({**few["indices"], "count": few["count"]}, 1, index)[:, 0]
+                values = values.copy()
+                values[places] = self._values({**accessor, **few["values"], "count": few["count"]}, width, index)
+            if accessor.get("normalized") and values.dtype.kind != "f":
+                return np.maximum(values / np.float64(np.iinfo(values.dtype).max), -1)
+            return values
 
     def _values(self, accessor: Mapping[str, Any], width: int, index: int) -> NDArray[Any]:
         """Return the numbers (N, width) at a place in a view, zeros without one; `index` is for the message."""
         kind, count = np.dtype(COMPONENTS[accessor["componentType"]]), accessor["count"]
         if "bufferView" not in accessor and 0 < count <= MOST_ZEROS:
             return np.zeros((count, width), kind)
-        view = self.document["bufferViews"][accessor["bufferView"]]
+        view = self.entry("bufferViews", accessor["bufferView"])
         content, start = self.view(accessor["bufferView"]), accessor.get("byteOffset", 0)
         stride = view.get("byteStride") or kind.itemsize * width
         if min(start, stride) < 0 or count < 1 or start + stride * (count - 1) + kind.itemsize * width > len(content):

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from recon.geometry.srgb import light_of, light_of_bytes, srgb_bytes
 from recon.models.atlas import SLACK
-from recon.models.gltf.data import INSTANCES, VISIBILITY, GltfData, chunks
+from recon.models.gltf.data import INSTANCES, VISIBILITY, GltfData, chunks, numbers
 from recon.models.part import Contents, Part, check_finite, decode_picture
 from recon.runtime.files import why_no_file
 
@@ -62,20 +62,29 @@ def read_gltf_model(path: Path, vertex_colours: VertexColours | None = None) -> 
     contents = Contents([path])
     try:
         data = GltfData(json.loads(text), binary, contents)
-        data.check()
-        reader = _Reader(data, vertex_colours)
-        placed = reader.placed()
-        n_parts = sum(len(reader.mesh(node)["primitives"]) for node, _ in placed)
-        if n_parts > MOST_PARTS:
-            raise ValueError(f"it shows {n_parts} parts, expected at most {MOST_PARTS}; join those that repeat")
-        for node, world in placed:
-            for primitive in reader.mesh(node)["primitives"]:
-                part = reader.part(primitive, node, world)
-                if part is not None:
-                    contents.parts.append(part)
+        with np.errstate(invalid="ignore", over="ignore"):  # of numbers that are none, which are named where they show
+            _read_parts(data, _Reader(data, vertex_colours))
     except BROKEN as error:
-        raise ValueError(f"is not whole glTF: {_plain(error)}; export it again") from error
+        places = "".join(f", in its {part}" for part in getattr(error, "__notes__", ())[:1])
+        raise ValueError(f"is not whole glTF: {_plain(error)}{places}; export it again") from error
     return contents
+
+
+def _read_parts(data: GltfData, reader: _Reader) -> None:
+    """Read the parts of all meshes that the document shows into its contents."""
+    data.check()
+    placed = reader.placed()
+    _check_parts(sum(len(reader.mesh(node)["primitives"]) for node, _ in placed))
+    for node, world in placed:
+        for primitive in reader.mesh(node)["primitives"]:
+            part = reader.part(primitive, node, world)
+            if part is not None:
+                data.contents.parts.append(part)
+
+
+def _check_parts(n_parts: int) -> None:
+    if n_parts > MOST_PARTS:
+        raise ValueError(f"it shows {n_parts} parts, expected at most {MOST_PARTS}; join those that repeat")
 
 
 def _plain(error: Exception) -> str:
@@ -118,13 +127,12 @@ class _Reader:
                 raise ValueError(
                     f"its node {index} has two parents, or goes in a circle; glTF has trees of nodes alone"
                 )
-            node = nodes[index]
+            node = self._data.entry("nodes", index)
             extensions = node.get("extensions", {})
             if not extensions.get(VISIBILITY, {}).get("visible", True):
                 self._contents.warn("has nodes that are hidden, and stay so")
                 continue
-            with np.errstate(invalid="ignore", over="ignore"):  # of numbers that are no transform
-                world = parent @ _transform(node)
+            world = parent @ _transform(node)
             check_finite(world, "a row of a node's transform")
             self._worlds[index] = world
             if "mesh" in node and INSTANCES in extensions:
@@ -136,18 +144,20 @@ class _Reader:
 
     def _instances(self, attributes: Mapping[str, int]) -> list[NDArray[np.float64]]:
         """Return the transform (4, 4) of each instance of a mesh, in its node."""
-        parts = {
-            entry: self._data.accessor(attributes[name]).astype(np.float64)
-            for name, entry in (("TRANSLATION", "translation"), ("ROTATION", "rotation"), ("SCALE", "scale"))
-            if name in attributes
-        }
-        n_instances = len(next(iter(parts.values()), ()))
-        return [_transform({entry: rows[number] for entry, rows in parts.items()}) for number in range(n_instances)]
+        parts: dict[str, NDArray[np.float64]] = {}
+        n_instances: int | None = None
+        for name, width in (("TRANSLATION", 3), ("ROTATION", 4), ("SCALE", 3)):
+            if name in attributes:
+                rows = self._data.accessor(attributes[name], width, n_rows=n_instances)
+                parts[name.lower()], n_instances = rows.astype(np.float64), len(rows)
+                _check_parts(n_instances)
+        return [
+            _transform({entry: rows[number] for entry, rows in parts.items()}) for number in range(n_instances or 0)
+        ]
 
     def mesh(self, node: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the mesh of a node."""
-        mesh: Mapping[str, Any] = self._document["meshes"][node["mesh"]]
-        return mesh
+        return self._data.entry("meshes", node["mesh"])
 
     def part(self, primitive: Mapping[str, Any], node: Mapping[str, Any], world: NDArray[np.float64]) -> Part | None:
         """Return a primitive in the scene's axes; None for lines, which are not shown.
@@ -163,41 +173,56 @@ class _Reader:
             self._contents.warn("has lines, which are not shown")
             return None
         attributes = primitive["attributes"]
-        weights = node.get("weights", self.mesh(node).get("weights", ()))
+        given = node.get("weights", self.mesh(node).get("weights", ()))
+        weights = numbers(given, len(given), "the weights of a mesh")
         positions = self._morphed(primitive, "POSITION", weights)
         faces = np.zeros((0, 3), np.int64)
         if mode != POINTS:
             n_vertices = len(positions)
             indices = (
-                self._data.accessor(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(n_vertices)
+                self._data.accessor(primitive["indices"], 1)[:, 0] if "indices" in primitive else np.arange(n_vertices)
             )
             faces = _triangles(indices.astype(np.int64), mode)
-        moves = self._joint_moves(attributes, self._document["skins"][node["skin"]]) if "skin" in node else world
+        moves = world
+        if "skin" in node:
+            moves = self._joint_moves(attributes, self._data.entry("skins", node["skin"]), len(positions))
         if np.median(np.linalg.det(moves[..., :3, :3])) < 0:
             faces = faces[:, ::-1]
         normals = None
         if "NORMAL" in attributes:
             turns = moves[..., :3, :3] if "skin" in node else np.linalg.pinv(world[:3, :3]).T
-            normals = _applied(turns, self._morphed(primitive, "NORMAL", weights))
+            normals = _applied(turns, self._morphed(primitive, "NORMAL", weights, len(positions)))
         colours, uv, picture = self._look(primitive, attributes, len(positions))
         return Part(_applied(moves[..., :3, :3], positions) + moves[..., :3, 3], faces, normals, colours, uv, picture)
 
-    def _morphed(self, primitive: Mapping[str, Any], name: str, weights: Sequence[float]) -> NDArray[np.float64]:
+    def _morphed(
+        self, primitive: Mapping[str, Any], name: str, weights: NDArray[np.float64], n_rows: int | None = None
+    ) -> NDArray[np.float64]:
         """Return an attribute's vectors (N, 3), changed by the morph targets as far as the weights say."""
-        vectors = self._data.accessor(primitive["attributes"][name]).astype(np.float64)
+        vectors = self._data.accessor(primitive["attributes"][name], 3, n_rows=n_rows).astype(np.float64)
         for target, weight in zip(primitive.get("targets", ()), weights, strict=False):
             if weight and name in target:
-                vectors += weight * self._data.accessor(target[name])
+                vectors += weight * self._data.accessor(target[name], 3, n_rows=len(vectors))
         return vectors
 
-    def _joint_moves(self, attributes: Mapping[str, int], skin: Mapping[str, Any]) -> NDArray[np.float64]:
+    def _joint_moves(
+        self, attributes: Mapping[str, int], skin: Mapping[str, Any], n_vertices: int
+    ) -> NDArray[np.float64]:
         """Return each vertex's transform (N, 4, 4) into the scene: the mean of its joints', by their weights."""
-        joints = np.array([self._worlds[joint] for joint in skin["joints"]])
-        if "inverseBindMatrices" in skin:  # column by column
-            joints = joints @ self._data.accessor(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
-        moves = np.zeros((len(self._data.accessor(attributes["JOINTS_0"])), 4, 4))
+        joints = np.array([self._worlds[joint] for joint in skin["joints"]]).reshape(-1, 4, 4)
+        if "inverseBindMatrices" in skin:  # column by column; there may be more of them
+            inverse = self._data.accessor(skin["inverseBindMatrices"], 16)[: len(joints)]
+            if len(inverse) < len(joints):
+                raise ValueError(
+                    f"its accessor {skin['inverseBindMatrices']} has no matrix for each of {len(joints)} joints"
+                )
+            joints = joints @ inverse.reshape(-1, 4, 4).transpose(0, 2, 1)
+        moves = np.zeros((n_vertices, 4, 4))
         for number in range(sum(name.startswith("JOINTS_") for name in attributes)):
-            which, shares = (self._data.accessor(attributes[f"{name}_{number}"]) for name in ("JOINTS", "WEIGHTS"))
+            which, shares = (
+                self._data.accessor(attributes[f"{name}_{number}"], 4, n_rows=n_vertices)
+                for name in ("JOINTS", "WEIGHTS")
+            )
             for joint, share in zip(which.T, shares.T, strict=True):
                 moves += share[:, None, None] * joints[joint]
         return moves
@@ -206,17 +231,17 @@ class _Reader:
         self, primitive: Mapping[str, Any], attributes: Mapping[str, int], n_vertices: int
     ) -> tuple[NDArray[np.uint8] | None, NDArray[np.floating] | None, NDArray[np.uint8] | None]:
         """Return colours, texture coordinates and picture, each None where there is none."""
-        material = self._document["materials"][primitive["material"]] if "material" in primitive else {}
+        material = self._data.entry("materials", primitive["material"]) if "material" in primitive else {}
         metallic = material.get("pbrMetallicRoughness", {})
         if "KHR_materials_pbrSpecularGlossiness" in material.get("extensions", {}) and not metallic:
             raise ValueError("its material is KHR_materials_pbrSpecularGlossiness, which is not read; export it anew")
         if material.get("alphaMode", "OPAQUE") != "OPAQUE":
             self._contents.warn("has transparent materials, which are shown opaque")
-        factor = np.array(metallic.get("baseColorFactor", [1.0] * 4), dtype=np.float64)[:3]
+        factor = numbers(metallic.get("baseColorFactor", [1.0] * 4)[:3], 3, "the baseColorFactor of a material")
         linear = self._linear_colours(attributes["COLOR_0"]) if "COLOR_0" in attributes else None
         texture = metallic.get("baseColorTexture")
         if not factor.any():  # black in any light: what it emits is all that shows
-            factor = np.array(material.get("emissiveFactor", factor), dtype=np.float64)
+            factor = numbers(material.get("emissiveFactor", factor), 3, "the emissiveFactor of a material")
             linear, texture = None, material.get("emissiveTexture")
         check_finite(factor[None], "colour factor")
         if texture is None:
@@ -231,15 +256,15 @@ class _Reader:
         set_number = moved.get("texCoord", texture.get("texCoord", 0))
         if f"TEXCOORD_{set_number}" not in attributes:
             raise ValueError(f"a textured material has no texture coordinates (TEXCOORD_{set_number})")
-        uv = _moved(self._data.accessor(attributes[f"TEXCOORD_{set_number}"]).astype(np.float64), moved)
-        if self._leaves(uv, self._document["textures"][texture["index"]]):
+        uv = _moved(self._data.accessor(attributes[f"TEXCOORD_{set_number}"], 2).astype(np.float64), moved)
+        if self._leaves(uv, self._data.entry("textures", texture["index"])):
             self._contents.warn("has a texture that shall not repeat beyond its edges, but is repeated instead")
         uv[:, 1] = 1 - uv[:, 1]  # glTF counts from the upper edge
         return None, uv, self._picture(texture["index"], factor)
 
     def _linear_colours(self, accessor: int) -> NDArray[Any]:
         """Return the vertices' colours (N, 3) in linear light; some programs write sRGB instead."""
-        colours = self._data.accessor(accessor)[:, :3]
+        colours = self._data.accessor(accessor, 3, 4)[:, :3]
         if self._vertex_colours == "srgb":
             check_finite(colours, "colour")
             return light_of(colours)
@@ -254,7 +279,7 @@ class _Reader:
 
     def _leaves(self, uv: NDArray[np.float64], texture: Mapping[str, Any]) -> bool:
         """Tell whether places (N, 2) lie beyond an edge of a texture at which it is mirrored or stops."""
-        sampler = self._document["samplers"][texture["sampler"]] if "sampler" in texture else {}
+        sampler = self._data.entry("samplers", texture["sampler"]) if "sampler" in texture else {}
         is_beyond = [((places < -SLACK) | (places > 1 + SLACK)).any() for places in uv.T]
         return any(
             beyond and sampler.get(key, REPEAT) != REPEAT
@@ -263,13 +288,13 @@ class _Reader:
 
     def _picture(self, index: int, factor: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Return the picture of a texture, multiplied by a factor; textures may share one."""
-        texture = self._document["textures"][index]
+        texture = self._data.entry("textures", index)
         source = texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source", texture.get("source"))
         if source is None:
             raise ValueError("a texture has no picture that is read (PNG, JPEG or WebP)")
         key = (source, *factor.tolist())
         if key not in self._pictures:
-            image = self._document["images"][source]
+            image = self._data.entry("images", source)
             if "bufferView" in image:
                 content, name = self._data.view(image["bufferView"]), image.get("name") or f"number {index}"
             else:
@@ -289,14 +314,14 @@ def _applied(turns: NDArray[np.floating], vectors: NDArray[np.floating]) -> NDAr
 
 def _transform(node: Mapping[str, Any]) -> NDArray[np.float64]:
     if "matrix" in node:
-        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T  # column by column
+        return numbers(node["matrix"], 16, "the matrix of a node").reshape(4, 4).T  # column by column
     transform = np.eye(4)
-    turn = np.array(node.get("rotation", [0.0, 0.0, 0.0, 1.0]), dtype=np.float64)
+    turn = numbers(node.get("rotation", [0.0, 0.0, 0.0, 1.0]), 4, "the rotation of a node")
     if not abs(float(np.linalg.norm(turn)) - 1) <= QUATERNION_TOLERANCE:
         raise ValueError(f"the rotation of a node is {turn.tolist()}, expected a quaternion of the length 1")
     rotation = Rotation.from_quat(turn).as_matrix()
-    transform[:3, :3] = rotation * np.array(node.get("scale", [1.0] * 3), dtype=np.float64)
-    transform[:3, 3] = node.get("translation", [0.0] * 3)
+    transform[:3, :3] = rotation * numbers(node.get("scale", [1.0] * 3), 3, "the scale of a node")
+    transform[:3, 3] = numbers(node.get("translation", [0.0] * 3), 3, "the translation of a node")
     return transform
 
 
@@ -315,7 +340,11 @@ def _triangles(indices: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
 
 def _moved(uv: NDArray[np.float64], transform: Mapping[str, Any]) -> NDArray[np.float64]:
     """Apply a KHR_texture_transform to texture coordinates (N, 2): scale, then rotation, then offset."""
-    scaled = uv * np.array(transform.get("scale", [1.0, 1.0]))
-    cos, sin = np.cos(transform.get("rotation", 0.0)), np.sin(transform.get("rotation", 0.0))
+    scale, offset = (
+        numbers(transform.get(name, [value] * 2), 2, f"the {name} of a texture")
+        for name, value in (("scale", 1.0), ("offset", 0.0))
+    )
+    (angle,) = numbers([transform.get("rotation", 0.0)], 1, "the rotation of a texture")
+    scaled, cos, sin = uv * scale, np.cos(angle), np.sin(angle)
     turned = np.stack([cos * scaled[:, 0] + sin * scaled[:, 1], cos * scaled[:, 1] - sin * scaled[:, 0]], axis=1)
-    return np.asarray(turned + np.array(transform.get("offset", [0.0, 0.0])))
+    return np.asarray(turned + offset)

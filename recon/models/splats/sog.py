@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ground.files import DAMAGED_ZIP
 from recon.capture.images import is_cut
 from recon.models.splats.raw import N_RESTS, RawSplats, check_count, scales_of, sigmoid, smallest_three
+from recon.runtime.picture_size import check_announced
 
 META = "meta.json"
 LARGEST_PICTURE = 256 * 2**20  # bytes of a compressed picture
@@ -47,6 +48,7 @@ class _Bundle:
         """Return a picture of a property, uint8 (H, W, 4)."""
         name = str(self.meta[key]["files"][number])
         content = self._read(name)
+        check_announced(content, f"its picture {name} ")
         pixels = None if is_cut(content) else cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
         if pixels is None or pixels.ndim != 3 or pixels.dtype != np.uint8:
             raise ValueError(f"its picture {name} is not readable as WebP")

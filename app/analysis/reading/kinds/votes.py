@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -111,8 +111,23 @@ def find_wide_pairs(seen: Seen) -> Description | None:
         spread,
         "pair",
         notes=(f"a wide table with a column for each of {len(spread)} pairs",),
+        warnings=_same_pairs(spread),
     )
     return with_meaning(seen, description)
+
+
+def _same_pairs(spread: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Warn where columns are the same pair under names that differ by more than a number: of another scene?"""
+    alike: dict[frozenset[str], dict[str, str]] = {}
+    for name, pair in spread.items():
+        heading = re.sub(r"\d+", "", name.replace(pair[0], "").replace(pair[1], ""))
+        alike.setdefault(frozenset(pair), {}).setdefault(heading, name)
+    several = [names.values() for names in alike.values() if len(names) > 1]
+    return tuple(
+        f"the columns {named([*map(repr, names)])} are the same pair and count together; a file for each scene keeps "
+        "them apart"
+        for names in several
+    )
 
 
 def _told_pairs(seen: Seen) -> dict[str, tuple[str, ...]]:

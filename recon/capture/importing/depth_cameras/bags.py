@@ -33,6 +33,7 @@ from recon.capture.importing.views import View, choose_sensors
 from recon.capture.recording import SIDES
 from recon.geometry.rig import Camera, rigid
 from recon.runtime.files import files_like
+from recon.runtime.picture_size import check_announced
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO = "sensor_msgs/msg/CameraInfo"
@@ -262,6 +263,7 @@ def _write_picture(path: Path, topic: str, message: Any) -> None:
     path.parent.mkdir(exist_ok=True)
     if not hasattr(message, "encoding"):  # compressed: JPEG or PNG as they are
         content, flags = bytes(message.data), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+        check_announced(content, f"{topic}: a picture ")
         is_unread = is_cut(content) or message.format.partition(";")[0] in DEPTHS
         pixels = None if is_unread else cv2.imdecode(np.frombuffer(content, np.uint8), flags)
         if pixels is None:

@@ -235,3 +235,28 @@ def test_people_who_may_have_used_another_scale_are_named(tmp_path: Path) -> Non
     assert "B never rated above 10 of 100: on another scale than the others?" in warnings(said)
     _, said = ratings(write(tmp_path, f"{RATED}\n{rows.replace(',3', ',30')}"), (0, 100))
     assert not warnings(said)
+
+
+@pytest.mark.parametrize("symbols", ["★★★☆☆ ★★★★★ ★☆☆☆☆", "*** ***** *", "⭐⭐⭐ ⭐️⭐️⭐️⭐️⭐️ ⭐"])
+def test_stars_are_counted(tmp_path: Path, symbols: str) -> None:
+    cells = symbols.split()
+    wanted = [("A", f"c{n}", value) for n, value in enumerate((3, 5, 1))]
+    for text in (
+        "\n".join([RATED, *(f"A,c{n},{cell}" for n, cell in enumerate(cells))]),
+        f"participant,c0,c1,c2\nA,{','.join(cells)}\n",
+    ):
+        rated, said = ratings(write(tmp_path, text))
+        assert rated == wanted
+        assert f"words are grades: {cells[1]} is 5" in said[0]
+    alone = write(tmp_path, f"{RATED}\nA,c0,{cells[0]}\n")
+    if cells[0] != "***":
+        assert ratings(alone)[0] == wanted[:1]
+    else:  # rather what stands for a rating that is hidden
+        with pytest.raises(VotesError, match=r"rating is '\*\*\*', expected a number$"):
+            ratings(alone)
+
+
+def test_stars_of_another_number_than_five_are_refused_with_what_to_write(tmp_path: Path) -> None:
+    path = write(tmp_path, f"{RATED}\nA,x,★★★☆☆☆☆☆☆☆\nA,y,★★★★★☆☆☆☆☆\n")
+    with pytest.raises(VotesError, match=r"row 1: rating is '★★★☆☆☆☆☆☆☆', expected a number: write 3, of --scale 0:10"):
+        ratings(path)

@@ -108,3 +108,43 @@ def test_trials_of_other_programs_are_read_without_their_other_screens(tmp_path:
     for text, edits in ((gorilla, Told()), (jspsych, told)):
         votes, _ = understand_votes([recognise_file(write(tmp_path, text), edits)])
         assert (votes.items, votes.choice.tolist()) == (("x.png", "y.png"), [1])
+
+
+def said_of(path: Path, told: Told = Told()) -> list[str]:
+    source = recognise_file(path, told)
+    return (understand_votes([source]) if source.holds_votes else understand_ratings(source))[1]
+
+
+@pytest.mark.parametrize(
+    ("column", "cells"),
+    [
+        ("trial", ("practice", "practice", "1", "2")),
+        ("trial_type", ("Practice trial", "practice 2", "main", "main")),
+        ("phase", ("training", "warm-up", "test", "test")),
+        ("trial", ("-2", "-1", "1", "2")),
+        ("trialNr", ("-1", "-1", "0", "1")),
+    ],
+)
+@pytest.mark.parametrize("header", [VOTED, "participant,condition,rating"])
+def test_rows_of_practice_are_left_out_and_counted_unless_the_column_is_told(
+    tmp_path: Path, header: str, column: str, cells: tuple[str, ...]
+) -> None:
+    begin = "p,x,y,a" if header == VOTED else "p,x,3"
+    path = write(tmp_path, "\n".join([f"{header},{column}", *(f"{begin},{cell}" for cell in cells)]))
+    said = said_of(path)
+    assert f"2 rows are left out as practice (the column '{column}' is" in said[0]
+    assert ("2 of them count" if header == VOTED else "2 ratings") in said[0] or "4 rows, 2 votes" in said[0]
+    assert "are left out as practice" not in "".join(said_of(path, Told(columns={"dataset": column})))
+
+
+def test_a_number_of_practice_that_may_be_the_first_trial_is_warned_of(tmp_path: Path) -> None:
+    for cells in (("-1", "0", "1", "2"), ("0", "0", "0", "1", "2")):
+        path = write(tmp_path, "\n".join([f"{VOTED},trial", *(f"p,x,y,a,{cell}" for cell in cells)]))
+        assert any(line.startswith(WARNING) and "'trial' is 0" in line for line in said_of(path))
+    path = write(tmp_path, "\n".join([f"{VOTED},trial", *(f"{who},x,y,a,{cell}" for who in "pq" for cell in "012")]))
+    assert not any("'trial' is 0" in line for line in said_of(path))
+
+
+def test_a_group_that_was_trained_is_no_practice(tmp_path: Path) -> None:
+    path = write(tmp_path, f"{VOTED},group\np,x,y,a,training\nq,x,y,a,control\n")
+    assert "left out" not in said_of(path)[0]

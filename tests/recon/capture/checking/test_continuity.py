@@ -44,6 +44,18 @@ def test_a_sound_recording_has_no_problems(board: Capture) -> None:
 
 
 @pytest.mark.slow
+def test_pictures_of_16_bits_that_may_be_read_too_dark_are_named(board: Capture) -> None:
+    for side in ("left", "right"):
+        for frame in range(N_FRAMES):
+            path = picture(board, side, frame)
+            cv2.imwrite(str(path), cv2.imread(str(path)).astype(np.uint16) * 64)  # as of 14 bits
+    assert any(
+        "16383: whether they are dark, or a camera's of 14 bits" in said
+        for said in check_capture(board.folder).warnings
+    )
+
+
+@pytest.mark.slow
 def test_a_repeated_frame_is_named(board: Capture) -> None:
     shutil.copyfile(picture(board, "left", 2), picture(board, "left", 3))
     assert check_capture(board.folder).warnings == ("S1/left/{frame:04d}.png: frame 3 repeats frame 2",)

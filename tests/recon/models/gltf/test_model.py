@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh_files import write_mesh
 from recon.geometry.srgb import srgb_bytes
+from recon.models.gltf.data import chunks
 from recon.models.read import read_contents, read_model
 from tests.recon.geometry.test_mesh import mesh_of
 from tests.recon.models.model_files import IN_METRES, IN_MM, RED, mesh_from, picture, text_file
@@ -255,7 +256,7 @@ def change(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
 
 WRONG_GLTF: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "compressed": (change("extensionsRequired", ["KHR_draco_mesh_compression"]), "needs KHR_draco_mesh_compression"),
-    "node": (change("scenes", [{"nodes": [9]}]), "is not whole glTF: it refers to a part it lacks; export it again"),
+    "node": (change("scenes", [{"nodes": [9]}]), "it refers to number 9 of nodes, of which it has 3"),
     "kind": (change("nodes", [3, 4]), "is not whole glTF: a value is of another kind than it must be"),
     "number": (lambda document: document["accessors"][0].update(componentType=7), "glTF: 7 is missing, or is no value"),
     "version": (change("asset", {"version": "1.0"}), "is not glTF of version 2"),
@@ -388,3 +389,143 @@ def test_sparse_values_of_a_gltf_stand_in_the_places_that_they_name(tmp_path: Pa
     sparse["indices"] = {"bufferView": 1, "componentType": 5125}
     with pytest.raises(ValueError, match="accessor 0 promises 1 values, more than its buffer holds"):
         read_contents(glb(tmp_path / "c.glb", document, binary))
+
+
+def unpacked(path: Path) -> tuple[dict[str, Any], bytes]:
+    """Return the document and the binary part of a GLB."""
+    text, binary = chunks(path.read_bytes())
+    return json.loads(text), binary or b""
+
+
+def textured() -> tuple[dict[str, Any], bytes]:
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (UV, "VEC2")],
+        {
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
+            "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "extensions": {}}}}],
+            "textures": [{"source": 0}],
+            "images": [{"uri": "skin.png"}],
+        },
+    )
+    return document, binary
+
+
+def moved_texture(**transform: Any) -> Callable[[dict[str, Any]], None]:
+    def spoil(document: dict[str, Any]) -> None:
+        texture = document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]
+        texture["extensions"]["KHR_texture_transform"] = transform
+
+    return spoil
+
+
+# What is wrong with which file, and what of it is said.
+DAMAGED: dict[str, tuple[Callable[[], tuple[dict[str, Any], bytes]], Callable[[dict[str, Any]], Any], str]] = {
+    "translation": (
+        two_nodes,
+        lambda document: document["nodes"][0].update(translation=["a"]),
+        r"translation of a node is \['a'\], expected 3 finite numbers",
+    ),
+    "scale": (two_nodes, lambda document: document["nodes"][1].update(scale=[1, 2]), "scale of a node is .*expected 3"),
+    "rotation": (two_nodes, lambda document: document["nodes"][0].update(rotation=[1, 0]), "of a node is .*expected 4"),
+    "matrix": (
+        two_nodes,
+        lambda document: document["nodes"][0].update(matrix=[1]),
+        "of a node is .*expected 16",
+    ),
+    "factor": (
+        two_nodes,
+        lambda document: document["materials"][0]["pbrMetallicRoughness"].update(baseColorFactor="red!"),
+        "baseColorFactor of a material is 'red', expected 3",
+    ),
+    "offset": (textured, moved_texture(offset=[0, [1]]), "offset of a texture is .*expected 2"),
+    "angle": (textured, moved_texture(rotation=float("inf")), r"rotation of a texture is \[inf\], expected 1 finite"),
+    "weights": (
+        two_nodes,
+        lambda document: document["meshes"][0].update(weights=[[1, 2]]),
+        "weights of a mesh is .*expected 1 finite number",
+    ),
+    "width": (
+        two_nodes,
+        lambda document: document["accessors"][0].update(type="VEC2"),
+        "its accessor 0 holds VEC2, expected VEC3",
+    ),
+    "accessor": (
+        two_nodes,
+        lambda document: document["meshes"][0]["primitives"][0].update(indices=-1),
+        "it refers to number -1 of accessors, of which it has 3",
+    ),
+    "view": (
+        two_nodes,
+        lambda document: document["accessors"][1].update(bufferView=7),
+        "it refers to number 7 of bufferViews, of which it has 3",
+    ),
+    "end": (
+        two_nodes,
+        lambda document: document["bufferViews"][1].update(byteOffset=50),
+        "its bufferView 1 ends at byte 62 of a buffer of 56",
+    ),
+    "count": (
+        two_nodes,
+        lambda document: document["accessors"][1].update(count="three"),
+        "a value is of another kind than it must be, in its accessor 1",
+    ),
+    "name": (
+        two_nodes,
+        lambda document: document["buffers"][0].update(uri="a\0b"),
+        r"its buffer 'a\\x00b' is no name of a file",
+    ),
+    "base64": (two_nodes, lambda document: document["buffers"][0].update(uri="data:,A"), "its buffer is no base64"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_a_damaged_gltf_is_named_with_the_part_that_is_wrong(tmp_path: Path, damage: str) -> None:
+    picture(tmp_path / "skin.png", RED)
+    make, spoil, sentence = DAMAGED[damage]
+    document, binary = make()
+    spoil(document)
+    with pytest.raises(ValueError, match=rf"a\.glb: .*{sentence}"):
+        read_model(glb(tmp_path / "a.glb", document, binary), IN_MM)
+
+
+def test_parts_of_a_rig_that_do_not_belong_together_are_named(tmp_path: Path) -> None:
+    path = rigged(tmp_path / "a.glb", {"skin": 0}, n_joints=2)
+    with pytest.raises(ValueError, match="its accessor 1 has 2 rows, expected 3"):
+        read_contents(path)
+    document, binary = unpacked(rigged(tmp_path / "b.glb", {"skin": 0}))
+    document["accessors"].append(document["accessors"][0] | {"count": 2})
+    document["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 5
+    with pytest.raises(ValueError, match="its accessor 5 has 2 rows, expected 3"):
+        read_contents(glb(tmp_path / "b.glb", document, binary))
+
+
+def test_a_rig_without_joints_is_refused_in_words(tmp_path: Path) -> None:
+    document, binary = unpacked(rigged(tmp_path / "a.glb", {"skin": 0}))
+    document["skins"][0]["joints"] = []
+    with pytest.raises(ValueError, match="it refers to a part it lacks"):
+        read_contents(glb(tmp_path / "a.glb", document, binary))
+
+
+def test_numbers_that_are_none_are_named_by_their_vertex_and_nothing_is_printed(tmp_path: Path) -> None:
+    signalling = np.array([0x7F800001, 0, 0], "<u4").view("<f4")  # a NaN that casts complain of
+    document, binary = gltf(
+        [(np.stack([signalling, *TRIANGLE[1:]]), "VEC3")],
+        {"nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]},
+    )
+    with pytest.raises(ValueError, match=r"vertex 0 is \[nan"):
+        read_contents(glb(tmp_path / "a.glb", document, binary))
+
+
+def test_more_instances_than_are_shown_are_refused_before_they_are_made(tmp_path: Path) -> None:
+    instances = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 1}}}
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3")],
+        {
+            "nodes": [{"mesh": 0, "extensions": instances}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        },
+    )
+    document["accessors"].append({"componentType": 5126, "count": 10_000_000, "type": "VEC3"})
+    with pytest.raises(ValueError, match="it shows 10000000 parts, expected at most 100000"):
+        read_contents(glb(tmp_path / "a.glb", document, binary))
