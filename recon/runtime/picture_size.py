@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 
-MOST_PIXELS = 2**27  # 134 million; jobs of the server hold OpenCV to as many
+MOST_PIXELS = 2**28  # 16384x16384, the largest texture; jobs of the server hold OpenCV to half
 NOT_FRAMES = (0xC4, 0xC8, 0xCC)  # among the JPEG markers C0 to CF, which otherwise begin with the picture's size
 JPEG_SCAN = 0xDA
 
