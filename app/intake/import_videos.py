@@ -284,16 +284,17 @@ def _like(film: Film, target: Target, *, is_conformed: bool) -> Film:
     same_rate = abs(facts.fps - target.fps) <= FPS_TOLERANCE * target.fps
     if same_rate and (facts.width, facts.height, facts.n_frames) == (target.width, target.height, target.n_frames):
         return film
+    try:
+        treatment = conformed(film.treatment, target)  # tried first: nobody is sent to an option that cannot help
+    except ValueError as error:
+        raise StimuliError(f"{film.video.path}: {error}") from error
     if is_conformed:
-        try:
-            return replace(film, treatment=conformed(film.treatment, target))
-        except ValueError as error:
-            raise StimuliError(f"{film.video.path}: {error}") from error
+        return replace(film, treatment=treatment)
     name, dataset = shlex.quote(film.video.path.name), film.video.dataset
     usual = f"{target.n_frames} frames at {target.fps:.6g}/s of {target.width}x{target.height}"
     raise StimuliError(
-        f"{film.video.path}: {film.video.name} has {facts}, expected {usual}, as all of {dataset} can, since films of "
-        "a dataset must be alike",
+        f"{film.video.path}: {film.video.name} has {facts}, expected {usual}, which all films of {dataset} can have: "
+        "films of a scene must be alike",
         by_command=f"`--conform` makes them so, or `ffmpeg -i {name} -vf "
         f"fps={target.fps:.6g},scale={target.width}:{target.height} -frames:v {target.n_frames} -crf 10 NEW.mp4`",
         on_page="tick “make films of a scene alike” and send them again",

@@ -111,7 +111,8 @@ def conformed(treatment: Treatment, target: Target) -> Treatment:
     if (facts.width, facts.height) != (target.width, target.height):
         if abs(facts.width * target.height / (facts.height * target.width) - 1) > 0.01:
             raise ValueError(
-                f"is {facts.width}x{facts.height}, another shape than {target.width}x{target.height}: cut it by hand"
+                f"is shown as {facts.width}x{facts.height}, another shape than the {target.width}x{target.height} of "
+                "its scene's other films: cut it, or encode it again with square pixels"
             )
         filters.append(f"zscale=w={target.width}:h={target.height}:f=lanczos")
         done.append(f"scaled from {facts.width}x{facts.height} to {target.width}x{target.height}")

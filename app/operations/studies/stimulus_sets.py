@@ -65,9 +65,11 @@ class KnownSet:
 
     @property
     def size(self) -> str:
-        """Size and length of the first film; others may differ."""
-        first = self.content.stimuli[0]
-        return f"{first.width}×{first.height}, {first.n_frames / first.fps:.3g} s"
+        """Size of the first film, others may differ, and the lengths of the shortest and the longest."""
+        films = self.content.stimuli
+        seconds = sorted(film.n_frames / film.fps for film in films)
+        lengths = dict.fromkeys(f"{length:.3g}" for length in (seconds[0], seconds[-1]))
+        return f"{films[0].width}×{films[0].height}, {' to '.join(lengths)} s"
 
     @property
     def levels(self) -> dict[str, dict[str, str]]:

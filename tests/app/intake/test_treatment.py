@@ -309,6 +309,17 @@ def test_unlike_films_are_made_alike_where_it_is_asked_for(tmp_path: Path) -> No
         assert done in note
 
 
+def test_a_film_of_another_shape_is_refused_as_such_before_anybody_is_told_to_make_films_alike(tmp_path: Path) -> None:
+    folder = tmp_path / "films" / "scene"
+    tiny_stimuli.encode(folder / "a.mp4", tiny_stimuli.flat("gray"))
+    tiny_stimuli.encode(folder / "b.mp4", tiny_stimuli.flat("gray"))
+    tiny_stimuli.encode(folder / "wide.mp4", tiny_stimuli.flat("gray"), "-vf", "setsar=2")
+    why = "wide.mp4: is shown as 128x48, another shape than the 64x48 of its scene's other films: cut it, or encode"
+    for is_conformed in (False, True):
+        with pytest.raises(StimuliError, match=why):
+            import_stimuli(tmp_path / "films", tmp_path / "set", is_conformed=is_conformed)
+
+
 @pytest.mark.parametrize(
     ("pixel_format", "bits"),
     [("yuv420p", 8), ("nv12", 8), ("yuv422p10le", 10), ("xv30le", 10), ("p012le", 12), ("gbrp16le", 16)],

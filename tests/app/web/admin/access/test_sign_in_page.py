@@ -87,6 +87,7 @@ def test_a_password_signs_in_and_ends_the_link(small_server: str, small: Setting
         wrong = paula.enter("/admin/sign-in", name="Paula", password="incorrect horse")
         assert wrong.status_code == 401
         assert "do not belong together" in wrong.text
+        assert "was not saved" not in wrong.text  # nobody had a text to lose
         assert "Studies" in paula.enter("/admin/sign-in", name="Paula", password=PASSWORD).text
 
 

@@ -122,6 +122,10 @@ def test_a_study_is_made_edited_and_previewed_without_a_file(browser: Browser, o
     page.goto("/admin/studies/by-hand")
     page.get_by_role("button", name="Preview as a participant").click()
     page.get_by_text("Preview: nothing is kept").wait_for()
+    banner, foot = page.locator(".preview").bounding_box(), page.locator(".foot:visible").bounding_box()
+    assert banner
+    assert foot
+    assert banner["y"] + banner["height"] <= foot["y"]
     page.get_by_text("Jump to").click()
     page.get_by_role("button", name="interview").click()
     page.get_by_text("Are your eyes tired?").wait_for()

@@ -8,14 +8,17 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from app.intake.stimuli import read_manifest
 from app.operations.studies import creation, forecast, manage
 from app.operations.studies.drafts import Draft
+from app.operations.studies.stimulus_sets import KnownSet
 from app.settings import Settings
 from app.study.options.option_table import SETTINGS
 from app.study.options.own_texts import LONGEST_TEXT
@@ -46,6 +49,15 @@ def typed(page: str, **changes: Any) -> dict[str, Any]:
     hidden = {name: value_of(page, name) for name in ("stimulus_set", "preset", "platform", "was")}
     chosen = re.search(r'name="way" value="(\w+)" checked', page)
     return {**hidden, "way": chosen[1] if chosen else "", **changes}
+
+
+def test_films_are_said_to_be_as_long_as_the_shortest_and_the_longest(tmp_path: Path) -> None:
+    write_set(tmp_path, ("ball", "box"), ("id_fa", "pm_fb"))
+    content = read_manifest(tmp_path)
+    assert KnownSet("tiny", content, is_here=True).size == "64×48, 0.4 s"
+    *others, last = content.stimuli
+    longer = replace(content, stimuli=(*others, last.model_copy(update={"n_frames": last.n_frames + 5})))
+    assert KnownSet("tiny", longer, is_here=True).size == "64×48, 0.4 to 0.6 s"
 
 
 @pytest.mark.slow
