@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,12 +36,17 @@ def simulate(asked: Simulate, *, as_json: bool) -> None:
     with ProgressLine():  # what is loaded takes seconds
         from app.experiment.study import fetched
         from app.main import running_server
+        from app.operations.running import alone, running_url
         from app.simulation.known_order import came_back, came_out, came_out_sentence, put_in_sentence
         from app.simulation.participants import simulate_study
 
     settings = server_settings()
     known = None if asked.abilities is None else _read_abilities(asked.abilities)
-    with ProgressLine() as progress, nullcontext(asked.url) if asked.url else running_server(settings) as base_url:
+    with ProgressLine() as progress, ExitStack() as started:
+        base_url = asked.url or running_url(settings)
+        if base_url is None:
+            started.enter_context(alone(settings))
+            base_url = started.enter_context(running_server(settings))
         people = (asked.study, asked.participants, known, asked.tie_rate, asked.seed)
         result = simulate_study(settings, base_url, *people, progress=by_step(progress))
         progress.say("Analysing the votes.")

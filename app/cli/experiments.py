@@ -57,13 +57,13 @@ def demo(asked: Demo, *, as_json: bool) -> None:
     from app.experiment.demo import demo_front, demo_put_in, demo_scores
     from app.main import running_server
     from app.operations.jobs.beside_server import worker_beside
-    from app.operations.running import noted
+    from app.operations.running import alone, noted
     from app.settings import DATA_FOLDER, Settings
 
     out = asked.out
     settings = Settings(data_dir=out / DATA_FOLDER, database_url=None, allowed_hosts="")
     front, film_size = out / "front", _demo_size(out, asked.size)
-    with ProgressLine() as progress:
+    with alone(settings), ProgressLine() as progress:
         progress.say(
             f"From a recording to scores, into {out}. This takes {DEMO_TAKES}, less where it was begun before."
         )
@@ -71,6 +71,7 @@ def demo(asked: Demo, *, as_json: bool) -> None:
         steps = _demo_steps(out, settings, film_size, asked.participants, progress)
         run_steps(steps, out / "seconds.json", progress.say)
     with (
+        alone(settings),
         running_server(settings, port=_free_port(asked.port), front=front) as url,
         noted(settings, url),
         worker_beside(settings, int(asked.serve)),

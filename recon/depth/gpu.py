@@ -45,7 +45,7 @@ CONSTANTS = {
         *("N_TRIALS", "ROUND", "NEWS"),
     ),
 }
-INSTALL = "pip install 'cupy-cuda13x[ctk]'"  # as the extra gpu
+INSTALL = "pip install 'reconstudy[gpu]', or of that only 'cupy-cuda13x[ctk]'"
 ON_CPU = "--device cpu"
 THREADS = 128  # of a block in which threads work for themselves, or each group for a pixel
 FEW_THREADS = 32  # of a block whose groups take a row or a column each, so that all of the GPU has some

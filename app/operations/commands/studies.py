@@ -175,7 +175,9 @@ class Simulate(Command):
     """Of `simulate`."""
 
     study: str = option(..., SHORT_NAME)
-    url: str | None = option(None, "A running server of this database; default: start one.")
+    url: str | None = option(
+        None, "A running server of this database; default: the one of this folder, else one is started."
+    )
     participants: int = option(22, "How many simulated participants take the study.", ge=1)
     abilities: Path | None = option(
         None,

@@ -110,7 +110,10 @@ class Perceptual:
                 raise ValueError(f"there is no measure {name!r}; expected one or more of {', '.join(PACKAGES)}")
             module, packages = PACKAGES[name]
             if find_spec(module) is None:
-                raise ValueError(f"{name} needs a package that is not installed: pip install {packages}")
+                raise ValueError(
+                    f"{name} needs a package that is not installed: pip install 'reconstudy[perceptual]', or of that "
+                    f"only {packages}"
+                )
             if name in NETWORKS and name not in self.weights:
                 network, file = NETWORKS[name]
                 raise ValueError(

@@ -9,11 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app import main
+from app.main import running_server
+from app.operations.running import noted
+from app.settings import Settings
 from tests.command_line import Command
 
 
 @pytest.mark.slow
-def test_simulated_participants_fill_a_study(command: Command, stimuli: Path, tmp_path: Path) -> None:
+def test_simulated_participants_fill_a_study(
+    command: Command, stimuli: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     command("study", "create", stimuli, "--name", "Tiny", "--seed", 1)
     (tmp_path / "abilities.json").write_text('{"id_fa": -3, "id_fb": 3}')
     told = command(
@@ -24,7 +30,9 @@ def test_simulated_participants_fill_a_study(command: Command, stimuli: Path, tm
     assert result["votes"] == 3
     assert result["put_in"] == {"id_fa": -3, "id_fb": 3}
     assert result["came_out"].keys() == {"id_fa", "id_fb"}
-    told = command("simulate", "--study", "tiny", "--participants", 1)
+    with running_server(Settings()) as url, noted(Settings(), url), monkeypatch.context() as patched:
+        patched.setattr(main, "running_server", lambda *_: pytest.fail("a second server began to serve the folder"))
+        told = command("simulate", "--study", "tiny", "--participants", 1)
     assert "Put in: artificial people prefer id_fb +0.75, id_fa -0.75 (log-odds), in the paper's order" in told.out
     assert "\nCame out: id_fb +" in told.out
     assert "the order that was put in." in told.out

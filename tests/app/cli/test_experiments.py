@@ -10,7 +10,8 @@ import pytest
 import recon.capture.masks.segment
 import recon.studio
 from app.cli.experiments import _demo_size, _demo_steps
-from app.settings import Settings
+from app.operations.running import alone
+from app.settings import DATA_FOLDER, Settings
 from recon.capture.format import Capture, read_capture
 from recon.cli.console import ProgressLine
 from recon.runtime.files import write_json
@@ -40,6 +41,14 @@ def test_a_recording_that_was_stopped_before_its_masks_gets_them(
     record()
     for folder in ("capture", "practice/capture"):
         assert read_capture(tmp_path / folder).sensors[0].mask is not None
+
+
+def test_a_demo_leaves_a_folder_alone_that_another_server_serves(tmp_path: Path, command: Command) -> None:
+    with alone(Settings(data_dir=tmp_path / DATA_FOLDER)):
+        told = command("demo", "--out", tmp_path, "--no-serve")
+    assert told.code == 1
+    assert f"serves {tmp_path / DATA_FOLDER} already; stop it" in told.err
+    assert not (tmp_path / "capture").exists()
 
 
 def test_a_demo_keeps_the_size_of_the_films_that_its_study_is_made_of(tmp_path: Path, command: Command) -> None:

@@ -106,7 +106,7 @@ def test_who_lacks_the_package_is_told_what_to_install(
     monkeypatch.setitem(sys.modules, "cupy", None)
     error = match_black(command, tmp_path)
     assert "matching on a GPU needs CuPy" in error
-    assert "pip install 'cupy-cuda13x[ctk]'" in error
+    assert "pip install 'reconstudy[gpu]', or of that only 'cupy-cuda13x[ctk]'" in error
     assert "--device cpu" in error
 
 
