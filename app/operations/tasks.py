@@ -113,7 +113,7 @@ def _run(database: Database, actor: Actor, title: str, public_id: str, work: Cal
     def tell(what: str, done: int, total: int) -> None:
         nonlocal last_s
         left_s = pace.left_s(done, total, time.monotonic())
-        if time.monotonic() - last_s >= TELLS_EVERY_S:
+        if done == 0 or time.monotonic() - last_s >= TELLS_EVERY_S:  # a step's first part may take minutes
             last_s = time.monotonic()
             if is_cancelled(database, public_id):
                 raise ConflictError(CANCELLED)

@@ -23,6 +23,8 @@ from app.settings import Settings
 from app.store.database.engine import Database, open_database
 from app.store.database.keys import utc_now
 from app.store.database.server_tasks import BEATS_WITHIN, ServerTask, beat, begin_task, end_task, task_by_id
+from app.store.studies.audit import Actor
+from ground.progress import Progress
 from tests.app.web.admin.dashboard_client import ends, signed_in
 from tests.seeded_studies import NOW
 
@@ -103,6 +105,21 @@ def test_who_clicks_twice_is_led_to_the_work_that_runs(
         assert again != first
         ends(eva, again)
     assert sorted(names) == ["Another", "Twice", "Twice"]
+
+
+def test_the_beginning_of_a_step_is_told_however_soon_it_follows_another(database: Database) -> None:
+    seen = []
+
+    def work(progress: Progress) -> str:
+        for done, total in ((0, 8), (8, 8), (0, 3)):
+            progress("films", done, total)
+            task = running_task(database, begun)
+            seen.append((task.done, task.total))
+        return "/admin"
+
+    begun = begin_task(database, "ada", "Creating", utc_now()).public_id
+    tasks._run(database, Actor(1, "ada", utc_now()), "Creating", begun, work)
+    assert seen == [(0, 8), (0, 8), (0, 3)]
 
 
 def test_work_is_begun_once_when_all_ask_at_once(database: Database) -> None:
