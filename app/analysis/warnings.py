@@ -68,9 +68,9 @@ def _single_voters(compared: list[Comparison], used: VotesTable) -> Iterator[str
     """Yield, in one sentence, where a single participant voted although others did elsewhere."""
     if not used.has_participants or used.n_voters <= 1:
         return
-    alone = [_where(comparison) for comparison in compared if comparison.fit.n_participants == 1]
+    alone = [comparison for comparison in compared if comparison.fit.n_participants == 1]
     if alone:
-        yield f"a single participant voted, so nothing can be said about other people: {'; '.join(alone)}"
+        yield f"{_places(alone)}: a single participant voted there, so nothing can be said about other people"
 
 
 PENALISED = {"firth": "Firth's (1993) estimate", f"ridge {RIDGE}": f"an estimate with a ridge of {RIDGE}"}

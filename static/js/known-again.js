@@ -46,10 +46,15 @@ export function fillInCode(code) {
   if (!field.value) field.value = code;
 }
 
-/** Says that the session was lost on the way: the page knows it, and the browser does not any more. */
-export function tellLost() {
+/** Says that this browser does not tell who it is, as the person began elsewhere or its cookies are gone. */
+export function tellUnknown() {
   const why = byId("known-why");
   why.textContent = why.dataset.lost ?? "";
+}
+
+/** Says that the session was lost on the way: the page knows it, and the browser does not any more. */
+export function tellLost() {
+  tellUnknown();
   document.querySelector(ASKED)?.toggleAttribute("hidden", true);
 }
 

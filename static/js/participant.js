@@ -10,7 +10,7 @@ import { byId, required } from "./elements.js";
 import { endingOnPage, showEnding } from "./ending.js";
 import { tellInvalidWhenTried } from "./invalid-fields.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
-import { Begun, fillInCode, mayBeAnother, refuseCode, tellLost } from "./known-again.js";
+import { Begun, fillInCode, mayBeAnother, refuseCode, tellLost, tellUnknown } from "./known-again.js";
 import { openShelf, newId } from "./outbox.js";
 import { OwnSession } from "./own-session.js";
 import { enterFullScreen, fill, stayOnSubmit } from "./page.js";
@@ -135,6 +135,7 @@ function hasBegun() {
 }
 
 function askForCode() {
+  if (!begun.isBegun) tellUnknown();
   fillInCode(begun.resumeCode);
   show("known");
 }

@@ -77,6 +77,15 @@ def test_who_comes_back_without_cookies_is_not_begun_anew_by_the_obvious_press(
     assert len(study.read("participants")) == 1
 
 
+def test_who_began_at_another_computer_is_not_told_of_this_one(study: Study, page: Page, visitor: Visitor) -> None:
+    page.goto(study.address)
+    visitor.sees("welcome")
+    page.get_by_role("button", name="I have begun already").click()
+    visitor.sees("known")
+    expect(page.locator("#known-why")).to_contain_text("or you went on elsewhere")
+    expect(page.locator("#known-why")).not_to_contain_text("in this browser before")
+
+
 def test_a_wrong_code_is_refused_and_somebody_else_may_begin(study: Study, page: Page, visitor: Visitor) -> None:
     loses_the_cookies_before_the_second_vote(study, page, visitor)
     page.get_by_label("Your code").fill("aaaa-bbbb-cccc")

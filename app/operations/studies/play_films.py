@@ -94,6 +94,7 @@ def play_films(browser: str, films: Sequence[PlayedFilm], progress: Progress = n
                 faults[number] = fault
             heard.notify_all()
 
+    progress("", 0, len(films))
     with _served(films, hear) as address, _running(browser, address) as process:
         told_at, n_before = time.monotonic(), 0
         while (n := sum(fault is not None for fault in faults)) < len(films):

@@ -405,6 +405,13 @@ def test_too_few_replicates_are_said_and_the_number_that_is_named_is_enough() ->
     assert analysed(*many, bootstrap=enough, seed=1)["warnings"] == []
 
 
+def test_a_single_voter_is_said_of_the_dataset_alone_on_which_nobody_else_voted() -> None:
+    rows = [row | {"dataset": "street"} for row in opinions("aab", "aba", "bba")]
+    rows += [row | {"dataset": "forest"} for row in opinions("aab")]
+    (said,) = [text for text in analyse(votes_from_rows(rows))["warnings"] if "a single participant voted" in text]
+    assert said.startswith("all conditions, dataset forest: a single participant voted there, so nothing")
+
+
 def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
     alone, alike = "a single participant voted", "no intervals, as participants agree too exactly"
     for choices, why in ((["aaa"] * 5, "no finite maximum"), (["aab"] * 5, alike), (["aab"], alone)):

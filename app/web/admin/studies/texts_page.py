@@ -108,8 +108,14 @@ def choose_languages(
     named: Annotated[str, Form(max_length=500)] = "",
 ) -> Response:
     """Save in which languages the study is offered."""
+    packs = languages(request)
+    tag_of = {word.casefold(): tag for tag, pack in packs.items() for word in (tag, pack.name)}
+    words = named.replace(",", " ").split()
+    if unknown := [word for word in words if word.casefold() not in tag_of]:
+        known = ", ".join(f"{tag} ({pack.name})" for tag, pack in packs.items())
+        raise InvalidError(f"Nothing was changed: {unknown[0]} is no language here; expected some of {known}.")
     try:
-        tags = StudyOptions.read({"languages": named.replace(",", " ").split()}).languages
+        tags = StudyOptions.read({"languages": [tag_of[word.casefold()] for word in words]}).languages
         changes = changed_languages(parse_options(study.options), tags)
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error

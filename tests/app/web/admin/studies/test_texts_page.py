@@ -106,12 +106,13 @@ def test_languages_are_chosen_and_drafts_are_marked(
     experimenter: Dashboard, settings: Settings, new_study: NewStudy
 ) -> None:
     slug = new_study()["slug"]
-    page = experimenter.act(f"/admin/studies/{slug}/texts/languages", revision="1", named="ar, en").text
+    page = experimenter.act(f"/admin/studies/{slug}/texts/languages", revision="1", named="ar, English").text
     assert options_of(settings, slug).languages == ("ar", "en")
     assert "draft: not yet reviewed by a native speaker" in page
-    refused = experimenter.act(f"/admin/studies/{slug}/texts/languages", revision="2", named="xx")
+    refused = experimenter.act(f"/admin/studies/{slug}/texts/languages?saved", revision="2", named="en, German")
     assert refused.status_code == 422
-    assert "there is no language pack &#39;xx&#39;" in refused.text
+    assert "German is no language here; expected some of ar (العربية), de (Deutsch), en (English)" in refused.text
+    assert "Saved." not in refused.text
 
 
 @pytest.mark.slow
