@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -46,6 +46,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 CROWDED = (errno.EMFILE, errno.ENFILE)  # no file or connection more can be opened
 NOWHERE = (404, 410)  # forged ids, and invitations that are used up
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
+SAVED = "saved"  # of an address, after what was saved; a refusal on the same page is not
 SECRET = ("form_token", "current", "password", "again")
 LOGGED_PARAMETERS = ("slug", "stage", "trial")
 HEADINGS = {  # of pages, for people; programs get the phrases of HTTP
@@ -239,7 +240,8 @@ async def _form_again(request: Request, status: int, refused: RefusedForm) -> Re
         return None
     headers = [(name, value) for name, value in request.scope["headers"] if not name.startswith(b"content-")]
     scope = dict(request.scope) | {"method": "GET", "path": came_from.path, "raw_path": came_from.path.encode()}
-    scope |= {"query_string": came_from.query.encode(), "path_params": {}, "headers": headers}
+    query = urlencode([field for field in parse_qsl(came_from.query, keep_blank_values=True) if field[0] != SAVED])
+    scope |= {"query_string": query.encode(), "path_params": {}, "headers": headers}
     scope["state"] = {**request.scope["state"], "refused": refused}
     page_status, parts = 0, []
 

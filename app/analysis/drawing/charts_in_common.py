@@ -295,11 +295,12 @@ def drawn_width(svg: str) -> float:
 
 
 def svg_png(svg: str) -> bytes:
-    """Return a chart's SVG as PNG of 300 dots in an inch, without transparency."""
+    """Return a chart's SVG as PNG of 300 dots in an inch, on white."""
     drawn = vl_convert.svg_to_png(svg, scale=POINTS_PER_PIXEL, ppi=DOTS_PER_INCH)
     with Image.open(io.BytesIO(drawn)) as picture:
-        opaque = io.BytesIO()
-        picture.convert("RGB").save(opaque, "PNG", dpi=(DOTS_PER_INCH, DOTS_PER_INCH), compress_level=3)
+        opaque, on_white = io.BytesIO(), Image.new("RGBA", picture.size, "white")
+        on_white.alpha_composite(picture.convert("RGBA"))
+        on_white.convert("RGB").save(opaque, "PNG", dpi=(DOTS_PER_INCH, DOTS_PER_INCH), compress_level=3)
     return opaque.getvalue()
 
 

@@ -203,7 +203,8 @@ def response_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     base = alt.Chart(alt.Data(values=[{k: v for k, v in row.items() if k != "flags"} for row in values]))
     labels = labels_of((row["participant"] for row in values), width)
     y = alt.Y("participant:N", title=None, sort=None, axis=labels.axis())
-    x = alt.X("fastest_decile_ms:Q", title="response time (ms)", scale=alt.Scale(zero=True))
+    axis = alt.Axis(tickCount=4, labelOverlap=True)
+    x = alt.X("fastest_decile_ms:Q", title="response time (ms)", scale=alt.Scale(zero=True), axis=axis)
     reach = base.mark_rule(strokeWidth=1.6, color=INK).encode(y=y, x=x, x2=alt.X2("median_response_ms:Q"))
     median = base.mark_point(filled=True, size=48, opacity=1, color=PALETTE[1]).encode(
         y=y, x=alt.X("median_response_ms:Q")

@@ -260,4 +260,6 @@ def test_a_long_title_fits_in_its_figure_also_in_wide_fonts() -> None:
         svg = chart_svg({**bar, "title": title}, 5000)
         assert drawn_width(svg) >= text_width(long)
         assert f'viewBox="0 0 {drawn_width(svg):g} ' in svg
+        with Image.open(BytesIO(svg_png(svg))) as picture:
+            assert picture.getpixel((picture.width - 1, picture.height // 2)) == (255, 255, 255)
     assert drawn_width(chart_svg({**bar, "title": "Short"}, 5000)) < text_width(long)

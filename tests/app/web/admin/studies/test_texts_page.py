@@ -109,9 +109,12 @@ def test_languages_are_chosen_and_drafts_are_marked(
     page = experimenter.act(f"/admin/studies/{slug}/texts/languages", revision="1", named="ar, English").text
     assert options_of(settings, slug).languages == ("ar", "en")
     assert "draft: not yet reviewed by a native speaker" in page
-    refused = experimenter.act(f"/admin/studies/{slug}/texts/languages?saved", revision="2", named="en, German")
+    experimenter.headers["Referer"] = str(experimenter.base_url.join(f"/admin/studies/{slug}/texts?saved=1"))
+    refused = experimenter.act(f"/admin/studies/{slug}/texts/languages", revision="2", named="en, German")
+    del experimenter.headers["Referer"]
     assert refused.status_code == 422
     assert "German is no language here; expected some of ar (العربية), de (Deutsch), en (English)" in refused.text
+    assert "Offered in" in refused.text  # on the page that it came from
     assert "Saved." not in refused.text
 
 
