@@ -162,7 +162,7 @@ def _fit(part: _Part) -> _Fit:
         covariance=None if covariance is None else covariance[:n_items, :n_items],
         least_se=np.sqrt(variance * np.diag(inverse)[:n_items]),
         order_effect=float(estimate[n_items]) if has_order else None,
-        order_se=float(np.sqrt(covariance[n_items, n_items])) if covariance is not None and has_order else None,
+        order_se=None if covariance is None or not has_order else float(np.sqrt(covariance[n_items, n_items])),
         order_influence=spread[:, n_items],
         n_participants=n_participants,
         n_groups=n_groups,

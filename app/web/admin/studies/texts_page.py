@@ -78,6 +78,7 @@ def _page(request: Request, person: Experimenter, study: Study, language: str, m
         groups.setdefault(row.key.partition(".")[0], []).append(replace(row, said=said[row.key]))
     context = {
         "packs": packs,
+        "listed_packs": _listed_packs(packs),
         "pack": chosen,
         "refusals": refusals,
         "named": " ".join(options.languages),
@@ -99,6 +100,10 @@ def _page(request: Request, person: Experimenter, study: Study, language: str, m
     return study_page(request, "texts", person, study, context, 409 if mine else 200)
 
 
+def _listed_packs(packs: Mapping[str, LanguagePack]) -> str:
+    return ", ".join(f"{tag} ({pack.name})" for tag, pack in packs.items())
+
+
 @router.post("/languages")
 def choose_languages(
     request: Request,
@@ -112,8 +117,9 @@ def choose_languages(
     tag_of = {word.casefold(): tag for tag, pack in packs.items() for word in (tag, pack.name)}
     words = named.replace(",", " ").split()
     if unknown := [word for word in words if word.casefold() not in tag_of]:
-        known = ", ".join(f"{tag} ({pack.name})" for tag, pack in packs.items())
-        raise InvalidError(f"Nothing was changed: {unknown[0]} is no language here; expected some of {known}.")
+        raise InvalidError(
+            f"Nothing was changed: {unknown[0]} is no language here; expected some of {_listed_packs(packs)}."
+        )
     try:
         tags = StudyOptions.read({"languages": [tag_of[word.casefold()] for word in words]}).languages
         changes = changed_languages(parse_options(study.options), tags)
